@@ -1,0 +1,359 @@
+"""What is in the world: cameras, media, lights and surfaces as frozen, validated records.
+
+Units: metres, degrees, linear RGB. Radiance is in W m⁻² sr⁻¹, irradiance in W m⁻², radiant intensity
+in W sr⁻¹, extinction in m⁻¹. The world is right-handed with +y up (see CONVENTIONS.md). Scenes are
+data: the files they name are read by `froxel_ref.assets`, the arrays they describe are made by the stages.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from froxel_ref.records import (
+    InputError, Record, choice, integer, many, nested, number, numbers, text, vector,
+)
+
+Rgb = tuple[float, float, float]
+Vec3 = tuple[float, float, float]
+BLACK: Rgb = (0.0, 0.0, 0.0)
+WHITE: Rgb = (1.0, 1.0, 1.0)
+
+# A transform whose smallest scale is below this share of its largest is refused as singular: float64
+# could still invert it, but a point would lose half of its digits on the way.
+SINGULAR = 1e-8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera(Record):
+    """A pinhole camera and the size of its image."""
+
+    position: Vec3 = vector((0.0, 1.7, 0.0), "world position", unit="m")
+    target: Vec3 = vector((0.0, 1.7, -1.0), "world point in the centre of the image", unit="m")
+    up: Vec3 = vector((0.0, 1.0, 0.0), "direction that is up in the image")
+    vertical_fov: float = number(60.0, "vertical field of view", unit="degrees", above=0.0, below=180.0)
+    width: int = integer(960, "image width", unit="pixels", at_least=1, at_most=16384)
+    height: int = integer(540, "image height", unit="pixels", at_least=1, at_most=16384)
+    exposure: float = number(1.0, "factor on radiance for display", above=0.0)
+
+    def check_together(self) -> None:
+        forward = np.subtract(self.target, self.position)
+        if not np.any(forward):
+            raise InputError("target", "is the camera's position, must be another point")
+        across = np.linalg.norm(np.cross(forward, self.up))
+        if across <= SINGULAR * np.linalg.norm(forward) * np.linalg.norm(self.up):
+            raise InputError("up", "is zero or along the view direction, must be across it")
+
+
+# --- placing things ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transform(Record):
+    """An affine map from local space to the world: first scale, then rotate, then translate."""
+
+    translate: Vec3 = vector(BLACK, "world position of the local origin", unit="m")
+    rotate: Vec3 = vector(BLACK, "turns about the world's x, then y, then z axis", unit="degrees")
+    scale: Vec3 = vector(WHITE, "metres per local unit along each local axis (half the extent)", unit="m")
+    matrix: tuple[float, ...] | None = vector(
+        None, "instead of the three above: world_from_local, 3 rows of 4", length=12, optional=True)
+
+    def check_together(self) -> None:
+        linear = self.world_from_local[:3, :3]
+        with np.errstate(all="ignore"):
+            sizes = np.linalg.svd(linear, compute_uv=False)
+        if not sizes[-1] > SINGULAR * sizes[0]:
+            raise InputError("scale" if self.matrix is None else "matrix",
+                             "makes the transform singular, must span all three axes")
+
+    @property
+    def world_from_local(self) -> NDArray[np.float64]:
+        """The matrix, shape (4, 4), float64."""
+        result = np.eye(4)
+        if self.matrix is not None:
+            result[:3] = np.reshape(self.matrix, (3, 4))
+            return result
+        turn = np.eye(3)
+        for axis, degrees in enumerate(self.rotate):
+            c, s = _cos_sin(degrees)
+            step = np.eye(3)
+            i, j = (axis + 1) % 3, (axis + 2) % 3
+            step[[i, i, j, j], [i, j, i, j]] = c, -s, s, c
+            turn = step @ turn
+        result[:3, :3] = turn * self.scale
+        result[:3, 3] = self.translate
+        return result
+
+
+def _cos_sin(degrees: float) -> tuple[float, float]:
+    """Exact at multiples of 90°, so that axis-aligned things stay axis-aligned."""
+    quarter = {0.0: (1.0, 0.0), 90.0: (0.0, 1.0), 180.0: (-1.0, 0.0), 270.0: (0.0, -1.0)}
+    angle = np.deg2rad(degrees)
+    return quarter.get(degrees % 360.0, (float(np.cos(angle)), float(np.sin(angle))))
+
+
+# --- participating media ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeightFog(Record):
+    """Density that falls with height: 1 up to ``start``, then exp(−falloff·(y − start)), 0 above ``max_height``."""
+
+    start: float = number(0.0, "height where the falloff begins", unit="m")
+    falloff: float = number(0.1, "rate of the falloff", unit="1/m", at_least=0.0)
+    max_height: float | None = number(None, "height above which there is nothing", unit="m", optional=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseDensity(Record):
+    """A periodic density texture made from a seed: summed octaves of gradient noise."""
+
+    kind: ClassVar[str] = "noise"
+    seed: int = integer(1, "seed of the generator", at_least=0)
+    size: int = integer(32, "texels along each axis", at_least=2, at_most=256)
+    cells: int = integer(4, "noise cells along each axis in the first octave", at_least=1, at_most=64)
+    octaves: int = integer(3, "octaves, each with twice the cells and half the weight", at_least=1, at_most=8)
+    contrast: float = number(2.0, "how far the noise is spread about ½ before it is cut to [0, 1]", above=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VolumeDensity(Record):
+    """A density texture read from a file: ``.vol`` (Mitsuba grid), ``.npy``, or raw with stated shape and type."""
+
+    kind: ClassVar[str] = "file"
+    path: str = text(about="file, relative to the scene's folder")
+    multiplier: float = number(1.0, "factor on every value", at_least=0.0)
+    shape: tuple[int, ...] | None = numbers(
+        None, "raw files only: texels along z, y, x", whole=True, optional=True, at_least=1)
+    dtype: str | None = choice("uint8", "uint16", "float16", "float32", "float64", default=None, optional=True,
+                               about="raw files only: type of a value, little-endian; integers span [0, 1]")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DensityTexture(Record):
+    """A 3-D texture that multiplies a medium's density: uv = frac(position·scale + bias + scroll·time)."""
+
+    source: NoiseDensity | VolumeDensity = nested(NoiseDensity, VolumeDensity, about="where the texels come from")
+    scale: Vec3 = vector(WHITE, "periods per metre (global media) or per unit of the local cube [0, 1]³")
+    bias: Vec3 = vector(BLACK, "offset of the texture coordinate, in periods")
+    scroll: Vec3 = vector(BLACK, "motion of the bias, in periods per second")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Medium(Record):
+    """A participating medium without bounds."""
+
+    name: str = text("", "shown in plans and messages")
+    albedo: Rgb = vector(WHITE, "scattering over extinction", at_least=0.0, at_most=1.0)
+    extinction: float | Rgb = vector(0.01, "extinction at density 1", unit="1/m", spread=True, at_least=0.0)
+    emissive: Rgb = vector(BLACK, "emission at density 1 (see Settings: emission)", unit="W m^-3 sr^-1", at_least=0.0)
+    phase_anisotropy: float = number(0.0, "mean cosine g of the phase function", above=-1.0, below=1.0)
+    height_fog: HeightFog | None = nested(HeightFog, default=None, optional=True)
+    density: DensityTexture | None = nested(DensityTexture, default=None, optional=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalMedium(Medium):
+    """A medium inside a box or ellipsoid; height fog and texture live in its local space mapped to [0, 1]³."""
+
+    shape: str = choice("box", "ellipsoid", default="box", about="|p| ≤ 1 on each axis, or p·p ≤ 1, in local space")
+    transform: Transform = nested(Transform, default=Transform(), about="world_from_local")
+
+
+# --- lights -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class DirectionalLight(Record):
+    """A light at infinity, such as the sun."""
+
+    kind: ClassVar[str] = "directional"
+    name: str = text("", "shown in plans and messages")
+    direction: Vec3 = vector(about="from the scene towards the light (L)")
+    irradiance: Rgb = vector(about="on a surface that faces the light", unit="W/m^2", at_least=0.0)
+
+    def check_together(self) -> None:
+        _must_point(self.direction, "direction")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointLight(Record):
+    """A light that shines alike in all directions."""
+
+    kind: ClassVar[str] = "point"
+    name: str = text("", "shown in plans and messages")
+    position: Vec3 = vector(about="world position", unit="m")
+    intensity: Rgb = vector(about="radiant intensity", unit="W/sr", at_least=0.0)
+    radius: float = number(16.0, "distance at which the window reaches zero", unit="m", above=0.0)
+    falloff: str = choice("windowed", "inverse_square", default="windowed",
+                          about="sat(1 − (d/r)⁴)²-style window as spec'd in CONVENTIONS.md, or none")
+    min_distance: float = number(0.01, "distance below which the intensity stops growing", unit="m", above=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpotLight(PointLight):
+    """A point light inside a cone: sat(cos·scale + offset)², 1 within the inner angle, 0 outside the outer."""
+
+    kind: ClassVar[str] = "spot"
+    direction: Vec3 = vector((0.0, -1.0, 0.0), "from the light along the axis of its cone")
+    inner_angle: float = number(20.0, "half angle of full intensity", unit="degrees", at_least=0.0, below=90.0)
+    outer_angle: float = number(30.0, "half angle of the cone", unit="degrees", above=0.0, below=90.0)
+
+    def check_together(self) -> None:
+        _must_point(self.direction, "direction")
+        if not self.inner_angle < self.outer_angle:
+            raise InputError("inner_angle", f"is {self.inner_angle:g}, must be below outer_angle ({self.outer_angle:g})")
+
+
+Light = DirectionalLight | PointLight | SpotLight
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExtraLights(Record):
+    """Unshadowed point lights strewn over a box from a seed, for measuring how time grows with lights."""
+
+    count: int = integer(0, "how many", at_least=0, at_most=65536)
+    seed: int = integer(1, "seed of the generator", at_least=0)
+    low: Vec3 = vector((-8.0, 0.5, -30.0), "smallest corner of the box", unit="m")
+    high: Vec3 = vector((8.0, 5.0, 0.0), "largest corner of the box", unit="m")
+    radius: float = number(4.0, "radius of each", unit="m", above=0.0)
+    intensity: float = number(0.5, "mean radiant intensity; each has its own hue", unit="W/sr", at_least=0.0)
+
+    def check_together(self) -> None:
+        if not all(a <= b for a, b in zip(self.low, self.high, strict=True)):
+            raise InputError("low", "is beyond high, must not exceed it on any axis")
+
+    def lights(self) -> tuple[PointLight, ...]:
+        """The lights; the first n are the same whatever the count."""
+        unit = np.random.default_rng(self.seed).random((self.count, 6))
+        position = np.asarray(self.low) + unit[:, :3] * np.subtract(self.high, self.low)
+        hue = unit[:, 3:] + 0.25
+        intensity = self.intensity * hue / hue.mean(axis=1, keepdims=True)
+        return tuple(
+            PointLight(name=f"extra {i}", position=tuple(p), intensity=tuple(c), radius=self.radius)
+            for i, (p, c) in enumerate(zip(position.tolist(), intensity.tolist(), strict=True)))
+
+
+# --- surfaces ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plane(Record):
+    """An infinite Lambert plane, seen from both sides."""
+
+    kind: ClassVar[str] = "plane"
+    name: str = text("", "shown in plans and messages")
+    albedo: Rgb = vector((0.5, 0.5, 0.5), "Lambert reflectance", at_least=0.0, at_most=1.0)
+    point: Vec3 = vector(BLACK, "a point of the plane", unit="m")
+    normal: Vec3 = vector((0.0, 1.0, 0.0), "its normal")
+
+    def check_together(self) -> None:
+        _must_point(self.normal, "normal")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Box(Record):
+    """The Lambert surface of the cube [−1, 1]³ under a transform."""
+
+    kind: ClassVar[str] = "box"
+    name: str = text("", "shown in plans and messages")
+    albedo: Rgb = vector((0.5, 0.5, 0.5), "Lambert reflectance", at_least=0.0, at_most=1.0)
+    transform: Transform = nested(Transform, default=Transform(), about="world_from_local")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sphere(Record):
+    """A Lambert sphere."""
+
+    kind: ClassVar[str] = "sphere"
+    name: str = text("", "shown in plans and messages")
+    albedo: Rgb = vector((0.5, 0.5, 0.5), "Lambert reflectance", at_least=0.0, at_most=1.0)
+    center: Vec3 = vector(BLACK, "its centre", unit="m")
+    radius: float = number(1.0, "its radius", unit="m", above=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Folds(Record):
+    """Heights of a hanging curtain: h = sin(2π·folds·x) · (1 + ½ sin(2π·(y + x)))/1.5, for x, y in [0, 1]."""
+
+    kind: ClassVar[str] = "folds"
+    folds: int = integer(6, "waves across", at_least=1, at_most=256)
+    size: int = integer(65, "samples along x", at_least=2, at_most=4097)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeightsFile(Record):
+    """Heights from a ``.npy`` file of shape (rows, columns)."""
+
+    kind: ClassVar[str] = "file"
+    path: str = text(about="file, relative to the scene's folder")
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeightField(Record):
+    """A Lambert surface z = h(x, y) over [−1, 1]² in local space: two triangles a cell, seen from both sides."""
+
+    kind: ClassVar[str] = "height_field"
+    name: str = text("", "shown in plans and messages")
+    albedo: Rgb = vector((0.5, 0.5, 0.5), "Lambert reflectance", at_least=0.0, at_most=1.0)
+    heights: Folds | HeightsFile = nested(Folds, HeightsFile, about="where the heights come from")
+    transform: Transform = nested(Transform, default=Transform(), about="world_from_local")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mesh(Record):
+    """A Lambert triangle mesh from a file (needs the extra ``mesh``)."""
+
+    kind: ClassVar[str] = "mesh"
+    name: str = text("", "shown in plans and messages")
+    albedo: Rgb = vector((0.5, 0.5, 0.5), "Lambert reflectance", at_least=0.0, at_most=1.0)
+    path: str = text(about=".obj, .ply or .glb file, relative to the scene's folder")
+    transform: Transform = nested(Transform, default=Transform(), about="world_from_local")
+
+
+Surface = Plane | Box | Sphere | HeightField | Mesh
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageBuffers(Record):
+    """A depth buffer and a colour image made elsewhere, instead of surfaces."""
+
+    depth: str = text(about=".npy, shape (height, width): view depth in metres, +inf where there is nothing")
+    radiance: str | None = text(None, ".npy, shape (height, width, 3): radiance without fog", optional=True)
+
+
+# --- the whole --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene(Record):
+    """Everything that a frame shows."""
+
+    name: str = text("", "short name")
+    description: str = text("", "one sentence")
+    camera: Camera = nested(Camera, default=Camera())
+    global_media: tuple[Medium, ...] = many(Medium, about="media without bounds")
+    local_media: tuple[LocalMedium, ...] = many(LocalMedium, about="media in a box or ellipsoid")
+    lights: tuple[Light, ...] = many(DirectionalLight, PointLight, SpotLight, about="lights")
+    extra_lights: ExtraLights = nested(ExtraLights, default=ExtraLights(), about="lights for measuring")
+    surfaces: tuple[Surface, ...] = many(Plane, Box, Sphere, HeightField, Mesh, about="opaque surfaces")
+    image_buffers: ImageBuffers | None = nested(ImageBuffers, default=None, optional=True)
+    ambient: Rgb = vector(BLACK, "radiance that arrives from every direction", unit="W m^-2 sr^-1", at_least=0.0)
+    background: Rgb = vector(BLACK, "radiance where a ray hits nothing", unit="W m^-2 sr^-1", at_least=0.0)
+
+    def check_together(self) -> None:
+        if self.image_buffers is not None and self.surfaces:
+            raise InputError("image_buffers", "is given beside surfaces, must be given instead of them")
+
+    @property
+    def all_lights(self) -> tuple[Light, ...]:
+        """The lights, then the extra ones."""
+        return self.lights + self.extra_lights.lights()
+
+
+def _must_point(direction: Vec3, name: str) -> None:
+    if not any(direction):
+        raise InputError(name, "is zero, must point somewhere")

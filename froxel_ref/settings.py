@@ -1,0 +1,110 @@
+"""How a frame is computed: the froxel grid, the switches between the sources and what is right, precision."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+from froxel_ref.records import InputError, Record, choice, integer, nested, number
+
+DISTRIBUTIONS = ("exponential", "linear")
+PHASE_FUNCTIONS = ("henyey_greenstein", "isotropic", "rayleigh", "schlick", "cornette_shanks",
+                   "two_lobe_henyey_greenstein")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grid(Record):
+    """The froxel grid: texels in screen space times slices in view depth [Dörries 2020, §3.2.2; Wronski 2014]."""
+
+    width: int = integer(160, "froxels across", at_least=1, at_most=65536)
+    height: int = integer(90, "froxels down", at_least=1, at_most=65536)
+    depth: int = integer(64, "slices", at_least=1, at_most=65536)
+    near: float = number(0.5, "view depth of the first boundary", unit="m", above=0.0)
+    far: float = number(64.0, "view depth of the last boundary", unit="m", above=0.0)
+    distribution: str = choice(*DISTRIBUTIONS, default="exponential", about="how slices share the depth")
+
+    def check_together(self) -> None:
+        if not self.near < self.far:
+            raise InputError("near", f"is {self.near:g} m, must be below far ({self.far:g} m)")
+
+
+# What each switch may be, as (corrected, published, author, then further choices). The corrected value
+# is the default; "author" is the thesis's own program where it differs from the text (CONVENTIONS.md).
+SWITCHES: dict[str, tuple[str, ...]] = {
+    "albedo_at_zero": ("zero", "divide", "divide"),                             # D1
+    "emission": ("per_metre", "published", "published", "absorption"),          # D2
+    "integrator": ("analytic", "published", "published", "simple"),             # D3
+    "lookup": ("boundary", "centre", "centre"),                                 # D4, A11
+    "integrate_from": ("camera", "near", "near"),                               # D6
+    "phase_mixing": ("weighted", "mean", "mean", "mixture"),                    # D12
+    "density_addressing": ("wrap", "wrap", "clamp"),                            # A5
+    "attenuation": ("min_distance", "min_distance", "inverse_radius"),          # A6
+    "ambient": ("scene", "scene", "constant"),                                  # A7
+    "exposure": ("display", "display", "lighting"),                             # A12
+}
+FIDELITIES = ("corrected", "published", "author")
+
+
+def _switch(name: str, about: str) -> Any:
+    return choice(*dict.fromkeys(SWITCHES[name]), default=None, optional=True, about=about)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Switches(Record):
+    """One choice for each departure of the sources; None follows the fidelity."""
+
+    albedo_at_zero: str | None = _switch("albedo_at_zero", "D1: albedo of nothing: 0, or 0/0 as listing 3.1 has it")
+    emission: str | None = _switch(
+        "emission", "D2: authored per metre, or σ_a·L_e, or σ_s·L_e as listing 3.2 has it")
+    integrator: str | None = _switch("integrator", "D3: slice integral [Dörries 2020, listings 3.3, 3.4]")
+    lookup: str | None = _switch("lookup", "D4, A11: stored values belong to slice boundaries, or to centres")
+    integrate_from: str | None = _switch("integrate_from", "D6: fog begins at the camera, or at the near boundary")
+    phase_mixing: str | None = _switch(
+        "phase_mixing", "D12: g weighted by scattering, plain mean, or the exact mixture")
+    density_addressing: str | None = _switch("density_addressing", "A5: density textures wrap, or clamp after frac()")
+    attenuation: str | None = _switch("attenuation", "A6: d² bounded below by min_distance², or by 1/radius²")
+    ambient: str | None = _switch("ambient", "A7: the scene's ambient radiance, or the constant (1/π)/(4π)")
+    exposure: str | None = _switch("exposure", "A12: exposure on display only, or multiplied into the lighting")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SecondLobe(Record):
+    """The second lobe of the two-lobe Henyey–Greenstein phase function."""
+
+    phase_anisotropy: float = number(-0.3, "its g; the first lobe has the medium's", above=-1.0, below=1.0)
+    weight: float = number(0.3, "its share", at_least=0.0, at_most=1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(Record):
+    """How a frame is computed."""
+
+    grid: Grid = nested(Grid, default=Grid())
+    fidelity: str = choice(*FIDELITIES, default="corrected", about="which column of the switches is the default")
+    switches: Switches = nested(Switches, default=Switches(), about="single switches, before the fidelity")
+    phase_function: str = choice(*PHASE_FUNCTIONS, default="henyey_greenstein")
+    second_lobe: SecondLobe = nested(SecondLobe, default=SecondLobe(), about="for the two-lobe phase function")
+    shadows: str = choice("off", default="off", about="opaque shadows (maps come with a later version)")
+    precision: str = choice("float64", "float32", default="float64", about="type of the arithmetic")
+    time: float = number(0.0, "scene time, moves scrolling textures", unit="s")
+
+    def __getattr__(self, name: str) -> str:
+        """The value of a switch, by its own name: the single switch if set, else what the fidelity says."""
+        if name not in SWITCHES:
+            raise AttributeError(name)
+        single: str | None = getattr(self.switches, name)
+        return single if single is not None else SWITCHES[name][FIDELITIES.index(self.fidelity)]
+
+
+def replace(settings: Settings, **changes: Any) -> Settings:
+    """The settings with some of them changed; a switch goes by its own name.
+
+    Examples
+    --------
+    >>> replace(Settings(), emission="published").emission
+    'published'
+    """
+    single = {name: changes.pop(name) for name in list(changes) if name in SWITCHES}
+    switches = dataclasses.replace(changes.pop("switches", settings.switches), **single)
+    return dataclasses.replace(settings, switches=switches, **changes)
