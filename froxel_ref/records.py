@@ -10,7 +10,10 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
+import re
+import reprlib
 from collections.abc import Iterable, Mapping, Sequence
+from numbers import Real
 from typing import Any, ClassVar, TypeVar
 
 __all__ = [
@@ -20,6 +23,9 @@ __all__ = [
 
 Json = Any
 R = TypeVar("R", bound="Record")
+
+# What may not stand in a string: messages, plans and manifests are lines of valid Unicode.
+_UNPRINTABLE = r"[\u0000-\u001f\u007f-\u009f\u2028\u2029\ud800-\udfff]"
 
 
 class InputError(ValueError):
@@ -42,6 +48,9 @@ class InputError(ValueError):
         self.place, self.problem = place, problem
         super().__init__(f"{place}: {problem}" if place else problem)
 
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, str]]:
+        return type(self), (self.place, self.problem)
+
     def under(self, parent: str) -> InputError:
         """The same fault as seen from the record that holds it."""
         if not self.place or self.place.startswith("["):
@@ -58,8 +67,18 @@ def suggest(word: str, known: Iterable[str]) -> str:
 
 def shown(value: object) -> str:
     """A value as it may stand in a one-line message."""
-    line = repr(value)
+    line = _SHORT.repr(value)
     return line if len(line) <= 60 else line[:57] + "..."
+
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxtuple, _SHORT.maxdict = 3, 12, 12, 4
+_SHORT.maxstring = _SHORT.maxlong = _SHORT.maxother = 60
+
+
+def key_shown(key: object) -> str:
+    """A key of the user's as it may stand in a place."""
+    return key if isinstance(key, str) and re.fullmatch(r"[\w\- ]{1,60}", key) else shown(key)
 
 
 # --- kinds of value ---------------------------------------------------------------------------------
@@ -111,17 +130,23 @@ class Number(Kind):
 
     def allowed(self) -> str:
         """The bounds in words."""
-        bounds = {"above": self.above, "at least": self.at_least, "below": self.below, "at most": self.at_most}
+        bounds = {"above": self.above, "at least": self.at_least,
+                  "below": self.below, "at most": self.at_most}
         words = [f"{name} {bound:g}" for name, bound in bounds.items() if bound is not None]
         what = "a whole number" if self.whole else "a finite number"
         return " and ".join(words) + (f" {self.unit}" if self.unit else "") if words else what
 
-    def check(self, value: Any) -> float | int:
+    def check(self, value: Any) -> Any:
         what = "a whole number" if self.whole else "a finite number"
-        if isinstance(value, bool) or not isinstance(value, (int, float)) and not hasattr(value, "__float__"):
+        if isinstance(value, bool) or not isinstance(value, Real):
             raise InputError("", f"is {shown(value)}, must be {what}")
-        if not math.isfinite(value) or (self.whole and int(value) != value):
-            raise InputError("", f"is {shown(value)}, must be {what}")
+        try:
+            real = float(value)
+        except OverflowError:
+            real = math.inf
+        if not math.isfinite(real) or (self.whole and not real.is_integer()):
+            raise InputError("", f"is {real!r}, must be {what}")
+        value = math.floor(value) if self.whole else real
         outside = (
             (self.above is not None and not value > self.above)
             or (self.at_least is not None and not value >= self.at_least)
@@ -129,8 +154,8 @@ class Number(Kind):
             or (self.at_most is not None and not value <= self.at_most)
         )
         if outside:
-            raise InputError("", f"is {value:g}, must be {self.allowed()}")
-        return int(value) if self.whole else float(value)
+            raise InputError("", f"is {repr(value).removesuffix('.0')}, must be {self.allowed()}")
+        return value
 
     def schema(self) -> dict[str, Json]:
         keys = {"exclusiveMinimum": self.above, "minimum": self.at_least,
@@ -149,11 +174,11 @@ class Vector(Kind):
     spread: bool = False
 
     def check(self, value: Any) -> Any:
-        if self.spread and isinstance(value, (int, float)) and not isinstance(value, bool):
-            return self.each.check(value)
         if hasattr(value, "tolist"):
             value = value.tolist()
-        if not isinstance(value, Sequence) or isinstance(value, str):
+        if self.spread and isinstance(value, Real) and not isinstance(value, bool):
+            return self.each.check(value)
+        if not isinstance(value, Sequence) or isinstance(value, (str, bytes, bytearray)):
             also = " or one number" if self.spread else ""
             raise InputError("", f"is {shown(value)}, must be {self.length or 'a list of'} numbers{also}")
         if self.length is not None and len(value) != self.length:
@@ -179,10 +204,14 @@ class Word(Kind):
             raise InputError("", f"is {shown(value)}, must be a string")
         if self.words and value not in self.words:
             raise InputError("", f"is {shown(value)}, must be one of {', '.join(self.words)}")
+        if re.search(_UNPRINTABLE, value):
+            raise InputError("", f"is {shown(value)}, must hold no control characters")
         return value
 
     def schema(self) -> dict[str, Json]:
-        return {"enum": list(self.words)} if self.words else {"type": "string"}
+        if self.words:
+            return {"enum": list(self.words)}
+        return {"type": "string", "not": {"pattern": _UNPRINTABLE}}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -205,7 +234,7 @@ class Nested(Kind):
     classes: tuple[type[Record], ...] = ()
 
     def check(self, value: Any) -> Any:
-        if not isinstance(value, self.classes):
+        if type(value) not in self.classes:  # a subclass would come back from JSON as something else
             names = " or ".join(cls.__name__ for cls in self.classes)
             raise InputError("", f"is {shown(value)}, must be {names}")
         return value
@@ -216,11 +245,11 @@ class Nested(Kind):
         kinds = {cls.kind: cls for cls in self.classes}
         if not isinstance(raw, Mapping):
             raise InputError("", f"is {shown(raw)}, must be an object with the key 'type'")
-        if raw.get("type") not in kinds:
-            word = raw.get("type")
-            hint = suggest(word, kinds) if isinstance(word, str) else f"known: {', '.join(sorted(kinds))}"
-            raise InputError("type", f"is {shown(word)}; {hint}")
-        return from_json(kinds[raw["type"]], raw)
+        word = raw.get("type")
+        if not isinstance(word, str) or word not in kinds:
+            problem = f"is {shown(word)}" if "type" in raw else "is missing"
+            raise InputError("type", f"{problem}; {suggest(word if isinstance(word, str) else '', kinds)}")
+        return from_json(kinds[word], raw)
 
     def schema(self) -> dict[str, Json]:
         references = [{"$ref": f"#/$defs/{cls.__name__}"} for cls in self.classes]
@@ -234,7 +263,7 @@ class Many(Kind):
     item: Nested = Nested()
 
     def check(self, value: Any) -> tuple[Any, ...]:
-        if not isinstance(value, Sequence) or isinstance(value, str):
+        if not isinstance(value, (list, tuple)):
             raise InputError("", f"is {shown(value)}, must be a list")
         return tuple(at(f"[{i}]", self.item.check, item) for i, item in enumerate(value))
 
@@ -255,12 +284,14 @@ def _field(kind: Kind, default: Any) -> Any:
     return dataclasses.field(metadata={"kind": kind}, **extra)
 
 
-def number(default: Any = dataclasses.MISSING, about: str = "", *, optional: bool = False, **bounds: Any) -> Any:
+def number(default: Any = dataclasses.MISSING, about: str = "", *, optional: bool = False,
+           **bounds: Any) -> Any:
     """A field that holds one finite number; bounds are ``above``, ``at_least``, ``below``, ``at_most``."""
     return _field(Number(optional, about, **bounds), default)
 
 
-def integer(default: Any = dataclasses.MISSING, about: str = "", *, optional: bool = False, **bounds: Any) -> Any:
+def integer(default: Any = dataclasses.MISSING, about: str = "", *, optional: bool = False,
+            **bounds: Any) -> Any:
     """A field that holds one whole number."""
     return _field(Number(optional, about, whole=True, **bounds), default)
 
@@ -352,7 +383,9 @@ def from_json(cls: type[R], raw: Json) -> R:
     kinds = kinds_of(cls)
     unknown = [key for key in raw if key not in kinds and not (key == "type" and cls.kind)]
     if unknown:
-        raise InputError(str(unknown[0]), f"is not a key here; {suggest(str(unknown[0]), kinds)}")
+        raise InputError(key_shown(unknown[0]), f"is not a key here; {suggest(str(unknown[0]), kinds)}")
+    if "type" in raw and raw["type"] != cls.kind and "type" not in kinds:
+        raise InputError("type", f"is {shown(raw['type'])}, must be {cls.kind!r}")
     needed = {f.name for f in dataclasses.fields(cls)  # type: ignore[arg-type]
               if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING}
     for name in kinds:

@@ -7,6 +7,7 @@ data: the files they name are read by `froxel_ref.assets`, the arrays they descr
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -14,7 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from froxel_ref.records import (
-    InputError, Record, choice, integer, many, nested, number, numbers, text, vector,
+    InputError,
+    Record,
+    choice,
+    integer,
+    many,
+    nested,
+    number,
+    text,
+    vector,
 )
 
 Rgb = tuple[float, float, float]
@@ -25,6 +34,23 @@ WHITE: Rgb = (1.0, 1.0, 1.0)
 # A transform whose smallest scale is below this share of its largest is refused as singular: float64
 # could still invert it, but a point would lose half of its digits on the way.
 SINGULAR = 1e-8
+
+# Vectors that are normalised, and transforms, keep between 1/LONGEST and LONGEST, where squares and
+# products of three neither overflow nor underflow.
+LONGEST = 1e100
+
+
+def _must_point(direction: tuple[float, ...], name: str) -> None:
+    if not any(direction):
+        raise InputError(name, "is zero, must point somewhere")
+    if not 1 / LONGEST < math.hypot(*direction) < LONGEST:
+        raise InputError(name, f"has length {math.hypot(*direction):g}, must be within {1 / LONGEST:g} and "
+                               f"{LONGEST:g}")
+
+
+def _unit(direction: tuple[float, ...]) -> tuple[float, ...]:
+    length = math.hypot(*direction)
+    return tuple(component / length for component in direction)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,12 +66,14 @@ class Camera(Record):
     exposure: float = number(1.0, "factor on radiance for display", above=0.0)
 
     def check_together(self) -> None:
-        forward = np.subtract(self.target, self.position)
-        if not np.any(forward):
+        if self.target == self.position:
             raise InputError("target", "is the camera's position, must be another point")
-        across = np.linalg.norm(np.cross(forward, self.up))
-        if across <= SINGULAR * np.linalg.norm(forward) * np.linalg.norm(self.up):
-            raise InputError("up", "is zero or along the view direction, must be across it")
+        forward = tuple(b - a for a, b in zip(self.position, self.target, strict=True))
+        _must_point(forward, "target")
+        _must_point(self.up, "up")
+        across = np.cross(_unit(forward), _unit(self.up))
+        if not float(np.linalg.norm(across)) > SINGULAR:
+            raise InputError("up", "is along the view direction, must be across it")
 
 
 # --- placing things ---------------------------------------------------------------------------------
@@ -62,12 +90,17 @@ class Transform(Record):
         None, "instead of the three above: world_from_local, 3 rows of 4", length=12, optional=True)
 
     def check_together(self) -> None:
+        if self.matrix is not None and (self.translate, self.rotate, self.scale) != (BLACK, BLACK, WHITE):
+            raise InputError("matrix", "is given beside translate, rotate or scale, must stand for all three")
+        place = "scale" if self.matrix is None else "matrix"
         linear = self.world_from_local[:3, :3]
-        with np.errstate(all="ignore"):
-            sizes = np.linalg.svd(linear, compute_uv=False)
+        largest = float(np.abs(linear).max())
+        if largest and not 1 / LONGEST < largest < LONGEST:
+            raise InputError(
+                place, f"has a largest entry of {largest:g}, must be within {1 / LONGEST:g} and {LONGEST:g}")
+        sizes = np.linalg.svd(linear / (largest or 1.0), compute_uv=False)
         if not sizes[-1] > SINGULAR * sizes[0]:
-            raise InputError("scale" if self.matrix is None else "matrix",
-                             "makes the transform singular, must span all three axes")
+            raise InputError(place, "makes the transform singular, must span all three axes")
 
     @property
     def world_from_local(self) -> NDArray[np.float64]:
@@ -100,7 +133,7 @@ def _cos_sin(degrees: float) -> tuple[float, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class HeightFog(Record):
-    """Density that falls with height: 1 up to ``start``, then exp(−falloff·(y − start)), 0 above ``max_height``."""
+    """Density over height: 1 up to ``start``, then exp(−falloff·(y − start)), 0 above ``max_height``."""
 
     start: float = number(0.0, "height where the falloff begins", unit="m")
     falloff: float = number(0.1, "rate of the falloff", unit="1/m", at_least=0.0)
@@ -121,22 +154,29 @@ class NoiseDensity(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class VolumeDensity(Record):
-    """A density texture read from a file: ``.vol`` (Mitsuba grid), ``.npy``, or raw with stated shape and type."""
+    """A density texture from a file: ``.vol`` (Mitsuba grid), ``.npy``, or raw with stated shape and type."""
 
     kind: ClassVar[str] = "file"
     path: str = text(about="file, relative to the scene's folder")
     multiplier: float = number(1.0, "factor on every value", at_least=0.0)
-    shape: tuple[int, ...] | None = numbers(
+    shape: tuple[int, ...] | None = vector(
         None, "raw files only: texels along z, y, x", whole=True, optional=True, at_least=1)
-    dtype: str | None = choice("uint8", "uint16", "float16", "float32", "float64", default=None, optional=True,
-                               about="raw files only: type of a value, little-endian; integers span [0, 1]")
+    dtype: str | None = choice(
+        "uint8", "uint16", "float16", "float32", "float64", default=None, optional=True,
+        about="raw files only: type of a value, little-endian; integers span [0, 1]")
+
+    def check_together(self) -> None:
+        if (self.shape is None) != (self.dtype is None):
+            missing, given = ("shape", "dtype") if self.shape is None else ("dtype", "shape")
+            raise InputError(missing, f"is missing beside {given}, raw files need both")
 
 
 @dataclass(frozen=True, kw_only=True)
 class DensityTexture(Record):
     """A 3-D texture that multiplies a medium's density: uv = frac(position·scale + bias + scroll·time)."""
 
-    source: NoiseDensity | VolumeDensity = nested(NoiseDensity, VolumeDensity, about="where the texels come from")
+    source: NoiseDensity | VolumeDensity = nested(
+        NoiseDensity, VolumeDensity, about="where the texels come from")
     scale: Vec3 = vector(WHITE, "periods per metre (global media) or per unit of the local cube [0, 1]³")
     bias: Vec3 = vector(BLACK, "offset of the texture coordinate, in periods")
     scroll: Vec3 = vector(BLACK, "motion of the bias, in periods per second")
@@ -149,17 +189,21 @@ class Medium(Record):
     name: str = text("", "shown in plans and messages")
     albedo: Rgb = vector(WHITE, "scattering over extinction", at_least=0.0, at_most=1.0)
     extinction: float | Rgb = vector(0.01, "extinction at density 1", unit="1/m", spread=True, at_least=0.0)
-    emissive: Rgb = vector(BLACK, "emission at density 1 (see Settings: emission)", unit="W m^-3 sr^-1", at_least=0.0)
+    emissive: Rgb = vector(
+        BLACK, "emission at density 1 (see Settings: emission)", unit="W m^-3 sr^-1", at_least=0.0)
     phase_anisotropy: float = number(0.0, "mean cosine g of the phase function", above=-1.0, below=1.0)
-    height_fog: HeightFog | None = nested(HeightFog, default=None, optional=True)
-    density: DensityTexture | None = nested(DensityTexture, default=None, optional=True)
+    height_fog: HeightFog | None = nested(
+        HeightFog, default=None, optional=True, about="density that falls with height")
+    density: DensityTexture | None = nested(
+        DensityTexture, default=None, optional=True, about="density texture")
 
 
 @dataclass(frozen=True, kw_only=True)
 class LocalMedium(Medium):
-    """A medium inside a box or ellipsoid; height fog and texture live in its local space mapped to [0, 1]³."""
+    """A medium inside a box or ellipsoid; its height fog and texture see local space mapped to [0, 1]³."""
 
-    shape: str = choice("box", "ellipsoid", default="box", about="|p| ≤ 1 on each axis, or p·p ≤ 1, in local space")
+    shape: str = choice("box", "ellipsoid", default="box",
+                        about="|p| ≤ 1 on each axis, or p·p ≤ 1, in local space")
     transform: Transform = nested(Transform, default=Transform(), about="world_from_local")
 
 
@@ -189,23 +233,26 @@ class PointLight(Record):
     intensity: Rgb = vector(about="radiant intensity", unit="W/sr", at_least=0.0)
     radius: float = number(16.0, "distance at which the window reaches zero", unit="m", above=0.0)
     falloff: str = choice("windowed", "inverse_square", default="windowed",
-                          about="sat(1 − (d/r)⁴)²-style window as spec'd in CONVENTIONS.md, or none")
-    min_distance: float = number(0.01, "distance below which the intensity stops growing", unit="m", above=0.0)
+                          about="inverse square times sat(1 − (d/radius)⁴)², or without that window")
+    min_distance: float = number(
+        0.01, "distance below which the irradiance stops growing", unit="m", above=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpotLight(PointLight):
-    """A point light inside a cone: sat(cos·scale + offset)², 1 within the inner angle, 0 outside the outer."""
+    """A point light in a cone: sat(cos·scale + offset)², 1 within the inner angle, 0 outside the outer."""
 
     kind: ClassVar[str] = "spot"
     direction: Vec3 = vector((0.0, -1.0, 0.0), "from the light along the axis of its cone")
-    inner_angle: float = number(20.0, "half angle of full intensity", unit="degrees", at_least=0.0, below=90.0)
+    inner_angle: float = number(
+        20.0, "half angle of full intensity", unit="degrees", at_least=0.0, below=90.0)
     outer_angle: float = number(30.0, "half angle of the cone", unit="degrees", above=0.0, below=90.0)
 
     def check_together(self) -> None:
         _must_point(self.direction, "direction")
         if not self.inner_angle < self.outer_angle:
-            raise InputError("inner_angle", f"is {self.inner_angle:g}, must be below outer_angle ({self.outer_angle:g})")
+            raise InputError(
+                "inner_angle", f"is {self.inner_angle:g}, must be below outer_angle ({self.outer_angle:g})")
 
 
 Light = DirectionalLight | PointLight | SpotLight
@@ -294,7 +341,7 @@ class HeightsFile(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class HeightField(Record):
-    """A Lambert surface z = h(x, y) over [−1, 1]² in local space: two triangles a cell, seen from both sides."""
+    """A Lambert surface z = h(x, y) over [−1, 1]² in local space: two triangles a cell, two-sided."""
 
     kind: ClassVar[str] = "height_field"
     name: str = text("", "shown in plans and messages")
@@ -334,14 +381,16 @@ class Scene(Record):
 
     name: str = text("", "short name")
     description: str = text("", "one sentence")
-    camera: Camera = nested(Camera, default=Camera())
+    camera: Camera = nested(Camera, default=Camera(), about="where it is seen from")
     global_media: tuple[Medium, ...] = many(Medium, about="media without bounds")
     local_media: tuple[LocalMedium, ...] = many(LocalMedium, about="media in a box or ellipsoid")
     lights: tuple[Light, ...] = many(DirectionalLight, PointLight, SpotLight, about="lights")
     extra_lights: ExtraLights = nested(ExtraLights, default=ExtraLights(), about="lights for measuring")
     surfaces: tuple[Surface, ...] = many(Plane, Box, Sphere, HeightField, Mesh, about="opaque surfaces")
-    image_buffers: ImageBuffers | None = nested(ImageBuffers, default=None, optional=True)
-    ambient: Rgb = vector(BLACK, "radiance that arrives from every direction", unit="W m^-2 sr^-1", at_least=0.0)
+    image_buffers: ImageBuffers | None = nested(
+        ImageBuffers, default=None, optional=True, about="depth and colour instead of surfaces")
+    ambient: Rgb = vector(
+        BLACK, "radiance that arrives from every direction", unit="W m^-2 sr^-1", at_least=0.0)
     background: Rgb = vector(BLACK, "radiance where a ray hits nothing", unit="W m^-2 sr^-1", at_least=0.0)
 
     def check_together(self) -> None:
@@ -352,8 +401,3 @@ class Scene(Record):
     def all_lights(self) -> tuple[Light, ...]:
         """The lights, then the extra ones."""
         return self.lights + self.extra_lights.lights()
-
-
-def _must_point(direction: Vec3, name: str) -> None:
-    if not any(direction):
-        raise InputError(name, "is zero, must point somewhere")

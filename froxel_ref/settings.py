@@ -15,7 +15,7 @@ PHASE_FUNCTIONS = ("henyey_greenstein", "isotropic", "rayleigh", "schlick", "cor
 
 @dataclass(frozen=True, kw_only=True)
 class Grid(Record):
-    """The froxel grid: texels in screen space times slices in view depth [Dörries 2020, §3.2.2; Wronski 2014]."""
+    """The froxel grid: texels on the screen times slices in depth [Dörries 2020, §3.2.2; Wronski 2014]."""
 
     width: int = integer(160, "froxels across", at_least=1, at_most=65536)
     height: int = integer(90, "froxels down", at_least=1, at_most=65536)
@@ -54,18 +54,22 @@ def _switch(name: str, about: str) -> Any:
 class Switches(Record):
     """One choice for each departure of the sources; None follows the fidelity."""
 
-    albedo_at_zero: str | None = _switch("albedo_at_zero", "D1: albedo of nothing: 0, or 0/0 as listing 3.1 has it")
+    albedo_at_zero: str | None = _switch(
+        "albedo_at_zero", "D1: albedo of nothing: 0, or 0/0 as listing 3.1 has it")
     emission: str | None = _switch(
         "emission", "D2: authored per metre, or σ_a·L_e, or σ_s·L_e as listing 3.2 has it")
     integrator: str | None = _switch("integrator", "D3: slice integral [Dörries 2020, listings 3.3, 3.4]")
     lookup: str | None = _switch("lookup", "D4, A11: stored values belong to slice boundaries, or to centres")
-    integrate_from: str | None = _switch("integrate_from", "D6: fog begins at the camera, or at the near boundary")
+    integrate_from: str | None = _switch(
+        "integrate_from", "D6: fog begins at the camera, or at the near boundary")
     phase_mixing: str | None = _switch(
         "phase_mixing", "D12: g weighted by scattering, plain mean, or the exact mixture")
-    density_addressing: str | None = _switch("density_addressing", "A5: density textures wrap, or clamp after frac()")
+    density_addressing: str | None = _switch(
+        "density_addressing", "A5: density textures wrap, or clamp after frac()")
     attenuation: str | None = _switch("attenuation", "A6: d² bounded below by min_distance², or by 1/radius²")
     ambient: str | None = _switch("ambient", "A7: the scene's ambient radiance, or the constant (1/π)/(4π)")
-    exposure: str | None = _switch("exposure", "A12: exposure on display only, or multiplied into the lighting")
+    exposure: str | None = _switch(
+        "exposure", "A12: exposure on display only, or multiplied into the lighting")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,11 +84,14 @@ class SecondLobe(Record):
 class Settings(Record):
     """How a frame is computed."""
 
-    grid: Grid = nested(Grid, default=Grid())
-    fidelity: str = choice(*FIDELITIES, default="corrected", about="which column of the switches is the default")
+    grid: Grid = nested(Grid, default=Grid(), about="the froxels")
+    fidelity: str = choice(*FIDELITIES, default="corrected",
+                           about="which column of the switches is the default")
     switches: Switches = nested(Switches, default=Switches(), about="single switches, before the fidelity")
-    phase_function: str = choice(*PHASE_FUNCTIONS, default="henyey_greenstein")
-    second_lobe: SecondLobe = nested(SecondLobe, default=SecondLobe(), about="for the two-lobe phase function")
+    phase_function: str = choice(*PHASE_FUNCTIONS, default="henyey_greenstein",
+                                 about="how scattered light spreads over directions")
+    second_lobe: SecondLobe = nested(
+        SecondLobe, default=SecondLobe(), about="for the two-lobe phase function")
     shadows: str = choice("off", default="off", about="opaque shadows (maps come with a later version)")
     precision: str = choice("float64", "float32", default="float64", about="type of the arithmetic")
     time: float = number(0.0, "scene time, moves scrolling textures", unit="s")
@@ -92,7 +99,7 @@ class Settings(Record):
     def __getattr__(self, name: str) -> str:
         """The value of a switch, by its own name: the single switch if set, else what the fidelity says."""
         if name not in SWITCHES:
-            raise AttributeError(name)
+            raise AttributeError(f"Settings has no field or switch {name!r}")
         single: str | None = getattr(self.switches, name)
         return single if single is not None else SWITCHES[name][FIDELITIES.index(self.fidelity)]
 

@@ -1,0 +1,58 @@
+"""A whole frame, stage by stage: time and peak memory of a built-in scene.
+
+    python benchmarks/whole_frame.py [SCENE=thesis-hall] [--precision float64|float32] [--repeats N]
+
+Also prints how long `import froxel_ref` takes in a fresh interpreter, beside `import numpy` alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import statistics
+import subprocess
+import sys
+import time
+
+from timing import table
+
+from froxel_ref import scene_files
+from froxel_ref.blocks import available_threads
+from froxel_ref.frame import run_frame
+
+
+def import_seconds(module: str, repeats: int = 5) -> float:
+    """Least time of an import in a fresh interpreter, the interpreter's own start not counted."""
+    code = f"import time; t = time.perf_counter(); import {module}; print(time.perf_counter() - t)"
+    return min(float(subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout)
+               for _ in range(repeats))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("scene", nargs="?", default="thesis-hall")
+    parser.add_argument("--precision", choices=("float64", "float32"), nargs="*", default=["float64", "float32"])
+    parser.add_argument("--repeats", type=int, default=9)
+    options = parser.parse_args()
+    print(f"import numpy {import_seconds('numpy'):.3f} s, import froxel_ref {import_seconds('froxel_ref'):.3f} s, "
+          f"import froxel_ref.frame {import_seconds('froxel_ref.frame'):.3f} s (least of 5)")
+    for precision in options.precision:
+        scene, settings, _ = scene_files.load(options.scene, overrides=[f"settings.precision={precision}"])
+        stages: dict[str, list[float]] = {}
+        for _ in range(options.repeats + 1):
+            begin = time.perf_counter()
+            frame = run_frame(scene, settings)
+            total = time.perf_counter() - begin
+            for name, seconds in {**frame.timings, "whole frame": total}.items():
+                stages.setdefault(name, []).append(seconds)
+        g, c = settings.grid, scene.camera
+        print(f"\n{options.scene}, {precision}, {g.width}x{g.height}x{g.depth} froxels, {c.width}x{c.height} pixels, "
+              f"{available_threads()} threads; milliseconds, first run left out")
+        rows = [(name, f"{1e3 * min(all_[1:]):.1f}", f"{1e3 * statistics.median(all_[1:]):.1f}")
+                for name, all_ in stages.items()]
+        print(table(rows, ("stage", "least", "median")))
+    print(f"\npeak resident memory of this process: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB")
+
+
+if __name__ == "__main__":
+    main()

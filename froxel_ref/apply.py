@@ -1,0 +1,136 @@
+"""Look the fog up at each pixel's depth, and lay it over the scene."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from froxel_ref.arrays import Field
+from froxel_ref.grid import depth_to_slice
+from froxel_ref.integrate import Integrated
+from froxel_ref.records import InputError
+from froxel_ref.sampling import fetch_trilinear
+from froxel_ref.settings import Grid
+
+__all__ = ["LOOKUPS", "composite", "lookup_fog"]
+
+LOOKUPS = ("boundary", "centre")
+
+
+def lookup_fog(integrated: Integrated, grid: Grid, depth_image: Field, *, lookup: str = "boundary",
+               threads: int | None = None) -> tuple[Field, Field]:
+    """Find the fog between the camera and the surface that each pixel shows.
+
+    Parameters
+    ----------
+    integrated : Integrated
+        The scattering buffer.
+    grid : Grid
+        The grid that it was computed on.
+    depth_image : ndarray, shape (h, w)
+        [m] View depth at the pixels' centres, at least 0; beyond the grid (also ∞) stands the fog of the
+        last boundary. The image covers the grid's whole view, whatever its size.
+    lookup : {"boundary", "centre"}, default "boundary"
+        Where along z the stored values stand; see the notes. Published: "centre" (D4, A11).
+    threads : int, optional
+        Default: one per core. The result is the same to the last bit.
+
+    Returns
+    -------
+    radiance : ndarray, shape (3, h, w), or (3, 1, 1) where constant
+        [W m⁻² sr⁻¹] The fog's own light.
+    transmittance : ndarray, shape (h, w) or (3, h, w); length 1 where constant
+        [1] The share of the surface's light that passes.
+
+    Raises
+    ------
+    InputError
+        Unknown lookup.
+
+    Notes
+    -----
+    Trilinear, with the edge texel beyond the borders of x and y [Dörries 2020, listing 3.5].
+
+    ``boundary`` : the value stored for slice k stands at slice coordinate k + 1, the front values at 0, and
+        clear air (0 and 1) at the camera; in between linear in the slice coordinate, and in depth in front
+        of the near boundary. At a boundary this returns what is stored; elsewhere it is of second order in
+        the slice's depth.
+    ``centre`` : the value stored for slice k stands at k + ½, as a texture unit has it, so every lookup
+        finds the fog of half a slice more (D4: at most ½·S·d of light too much, of first order), and all
+        that is nearer than the first centre has the first slice's fog (A11).
+
+    A NaN depth gives NaN.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> stored = np.array([0.5, 0.25]).reshape(2, 1, 1)
+    >>> fog = Integrated(np.zeros((3, 1, 1, 1)), stored, np.zeros((3, 1, 1)), np.ones((1, 1)))
+    >>> grid = Grid(width=1, height=1, depth=2, near=1.0, far=3.0, distribution="linear")
+    >>> depth = np.array([[0.0, 1.0, 1.5, 2.0, 2.5, np.inf]])
+    >>> lookup_fog(fog, grid, depth)[1]
+    array([[1.   , 1.   , 0.75 , 0.5  , 0.375, 0.25 ]])
+    >>> lookup_fog(fog, grid, depth, lookup="centre")[1]
+    array([[0.5  , 0.5  , 0.5  , 0.375, 0.25 , 0.25 ]])
+    """
+    if lookup not in LOOKUPS:
+        raise InputError("lookup", f"is {lookup!r}, must be one of {', '.join(LOOKUPS)}")
+    dtype = integrated.radiance.dtype
+    height, width = depth_image.shape
+    x = ((np.arange(width) + 0.5) * (grid.width / width)).astype(dtype)
+    y = ((np.arange(height) + 0.5) * (grid.height / height)).reshape(-1, 1).astype(dtype)
+    z = _texel_depth(depth_image, grid, lookup).astype(dtype)
+    radiance, transmittance = (
+        fetch_trilinear(_texels(values, front, at_camera, grid, lookup), x, y, z, threads=threads)
+        for values, front, at_camera in (
+            (integrated.radiance, integrated.front_radiance, 0.0),
+            (integrated.transmittance, integrated.front_transmittance, 1.0)))
+    return radiance, transmittance
+
+
+def _texel_depth(depth: Field, grid: Grid, lookup: str) -> NDArray[np.float64]:
+    """Coordinate along z of the texture that `_texels` builds; texel i has its centre at i + ½."""
+    if lookup == "centre":
+        return depth_to_slice(np.clip(depth, grid.near, grid.far), grid)
+    beyond = depth_to_slice(np.clip(depth, grid.near, grid.far), grid) + 1.0
+    return np.where(depth < grid.near, depth / grid.near, beyond) + 0.5
+
+
+def _texels(values: Field, front: Field, at_camera: float, grid: Grid, lookup: str) -> Field:
+    """The texture to fetch from: the stored values, with the camera's and the front's before them."""
+    if lookup == "centre" or values.shape[-3] < grid.depth:  # fewer: one texel stands for all depths
+        return values
+    shape = (*values.shape[:-3], 1, *values.shape[-2:])
+    nearest = np.broadcast_to(np.asarray(at_camera, values.dtype), shape)
+    return np.concatenate([nearest, np.broadcast_to(front[..., np.newaxis, :, :], shape), values], axis=-3)
+
+
+def composite(scene_radiance: Field, fog_radiance: Field, fog_transmittance: Field) -> Field:
+    """Lay the fog over the scene.
+
+    Parameters
+    ----------
+    scene_radiance : ndarray, shape (3, h, w)
+        [W m⁻² sr⁻¹] What leaves the surfaces towards the camera, or the background.
+    fog_radiance : ndarray, broadcastable to (3, h, w)
+        [W m⁻² sr⁻¹] The fog's own light.
+    fog_transmittance : ndarray, broadcastable to (3, h, w)
+        [1] The share of the surface's light that passes.
+
+    Returns
+    -------
+    ndarray, shape (3, h, w)
+        [W m⁻² sr⁻¹] scene·T + L.
+
+    Notes
+    -----
+    [Dörries 2020, eq. 2.11 and listing 3.5]. D5: its eq. 2.9 has the surface's term inside the integral
+    over the ray, which would add it once per metre; it stands outside, as here and in the listing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> composite(np.full((3, 1, 1), 8.0), np.ones((3, 1, 1)), np.full((1, 1), 0.25)).ravel()
+    array([3., 3., 3.])
+    """
+    return scene_radiance * fog_transmittance + fog_radiance

@@ -1,0 +1,431 @@
+"""What a scene's files hold: textures, heights, meshes and image buffers, read once and checked.
+
+A scene names its files by paths relative to its folder. Nothing outside that folder is ever opened.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import logging
+import os
+import re
+import warnings
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from froxel_ref.records import InputError
+from froxel_ref.scene import (
+    Folds,
+    HeightField,
+    HeightsFile,
+    Mesh,
+    NoiseDensity,
+    Scene,
+    VolumeDensity,
+)
+from froxel_ref.volumes import noise, open_input, read_density, read_npy, refuse
+
+__all__ = ["Assets", "checksums", "fold_heights", "input_path", "load_assets", "read_mesh"]
+
+K = TypeVar("K")
+V = TypeVar("V")
+Folder = str | os.PathLike[str] | None
+Triangles = tuple[NDArray[np.float64], NDArray[np.int64]]
+
+MESH_EXTENSIONS = (".obj", ".ply", ".glb")
+MESH_INSTALL = "python -m pip install 'froxel-ref[mesh]'"
+
+
+class Assets(NamedTuple):
+    """The arrays that a scene describes or names.
+
+    Parameters
+    ----------
+    textures : mapping of NoiseDensity or VolumeDensity to ndarray, shape (nz, ny, nx)
+        Densities, finite and not negative.
+    heights : mapping of Folds or HeightsFile to ndarray, shape (rows, columns)
+        Heights; the first row belongs to y = 0 of `Folds`, local y = −1.
+    meshes : mapping of Mesh to (ndarray (N, 3) float64, ndarray (M, 3) int64)
+        Vertices in the file's own space and the vertex numbers of each triangle.
+    depth : ndarray, shape (height, width), optional
+        View depth [m], +inf where there is nothing.
+    radiance : ndarray, shape (3, height, width), optional
+        Radiance without fog [W m⁻² sr⁻¹].
+    """
+
+    textures: Mapping[NoiseDensity | VolumeDensity, NDArray[Any]]
+    heights: Mapping[Folds | HeightsFile, NDArray[Any]]
+    meshes: Mapping[Mesh, Triangles]
+    depth: NDArray[Any] | None
+    radiance: NDArray[Any] | None
+
+
+def load_assets(scene: Scene, folder: Folder, *, only: Collection[str] | None = None,
+                dtype: DTypeLike = np.float64) -> Assets:
+    """Read and make everything that a scene needs besides its own numbers.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    folder : path, optional
+        Where the scene's relative paths begin; None if it has no folder, which only a path minds.
+    only : collection of str, optional
+        Fields of `Assets` to fill, the others stay empty; default: all.
+    dtype : dtype
+        Of all arrays but the meshes', which are always float64.
+
+    Returns
+    -------
+    Assets
+        Each source is there once, however often the scene uses it.
+
+    Raises
+    ------
+    InputError
+        Any fault of a file or its path, under its place in the scene; trimesh is missing.
+    ValueError
+        ``only`` holds another word.
+
+    Examples
+    --------
+    >>> from froxel_ref.scene import DensityTexture, Medium
+    >>> source = NoiseDensity(size=8)
+    >>> scene = Scene(global_media=(Medium(density=DensityTexture(source=source)),))
+    >>> load_assets(scene, None).textures[source].shape
+    (8, 8, 8)
+    """
+    wanted = set(Assets._fields if only is None else only)
+    if not wanted <= set(Assets._fields):
+        raise ValueError(f"only is {sorted(wanted)}, must be some of {', '.join(Assets._fields)}")
+
+    def texture(source: NoiseDensity | VolumeDensity, place: str) -> NDArray[Any]:
+        if isinstance(source, NoiseDensity):
+            return noise(source).astype(dtype, copy=False)
+        file = input_path(folder, source.path, f"{place}.path")
+        return read_density(source, file, place=place, dtype=dtype)
+
+    def heights(source: Folds | HeightsFile, place: str) -> NDArray[Any]:
+        if isinstance(source, Folds):
+            return fold_heights(source).astype(dtype, copy=False)
+        return _read_heights(folder, source.path, f"{place}.path").astype(dtype, copy=False)
+
+    def mesh(surface: Mesh, place: str) -> Triangles:
+        return read_mesh(input_path(folder, surface.path, f"{place}.path"), place=f"{place}.path")
+
+    depth, radiance = _images(scene, folder, wanted, dtype)
+    return Assets(
+        textures=_each(_textures(scene), texture) if "textures" in wanted else {},
+        heights=_each(_heights(scene), heights) if "heights" in wanted else {},
+        meshes=_meshes(scene, mesh) if "meshes" in wanted else {},
+        depth=depth, radiance=radiance)
+
+
+def _each(sources: Iterator[tuple[K, str]], read: Callable[[K, str], V]) -> dict[K, V]:
+    done: dict[K, V] = {}
+    for source, place in sources:
+        if source not in done:
+            done[source] = read(source, place)
+    return done
+
+
+def _textures(scene: Scene) -> Iterator[tuple[NoiseDensity | VolumeDensity, str]]:
+    for name in ("global_media", "local_media"):
+        for i, medium in enumerate(getattr(scene, name)):
+            if medium.density is not None:
+                yield medium.density.source, f"{name}[{i}].density.source"
+
+
+def _heights(scene: Scene) -> Iterator[tuple[Folds | HeightsFile, str]]:
+    for i, surface in enumerate(scene.surfaces):
+        if isinstance(surface, HeightField):
+            yield surface.heights, f"surfaces[{i}].heights"
+
+
+def _meshes(scene: Scene, read: Callable[[Mesh, str], Triangles]) -> dict[Mesh, Triangles]:
+    """Meshes that differ in colour or transform alone share their arrays."""
+    files: dict[str, Triangles] = {}
+    done: dict[Mesh, Triangles] = {}
+    for i, surface in enumerate(scene.surfaces):
+        if isinstance(surface, Mesh):
+            if surface.path not in files:
+                files[surface.path] = read(surface, f"surfaces[{i}]")
+            done[surface] = files[surface.path]
+    return done
+
+
+# --- paths ------------------------------------------------------------------------------------------
+
+
+def input_path(folder: Folder, path: str, place: str) -> Path:
+    """The file that a scene's relative path names.
+
+    Parameters
+    ----------
+    folder : path, optional
+        The scene's folder.
+    path : str
+        As the scene has it.
+    place : str
+        Where the scene has it, for messages.
+
+    Returns
+    -------
+    Path
+        Absolute, without links, inside the folder.
+
+    Raises
+    ------
+    InputError
+        Empty, absolute, outside the folder (by ``..`` or a link), or nothing there.
+
+    Examples
+    --------
+    >>> input_path(".", "../x.obj", "surfaces[0].path")
+    Traceback (most recent call last):
+    froxel_ref.records.InputError: surfaces[0].path: '../x.obj' leaves the scene's folder
+    """
+    if not path or "\0" in path:
+        raise InputError(place, f"is {path!r}, must be a file name")
+    if os.path.isabs(path):
+        raise InputError(place, f"{path!r} is absolute, must be relative to the scene's folder")
+    hint = "--data DIR names the folder"
+    if folder is None:
+        raise InputError(place, f"{path!r} is relative, but the scene has no folder; {hint}")
+    try:
+        base = Path(folder).resolve()
+        found = (base / path).resolve()
+        if not found.is_relative_to(base):
+            raise InputError(place, f"{path!r} leaves the scene's folder")
+        if not found.exists():
+            raise InputError(place, f"{path!r} is not in {str(base)!r}; {hint}")
+    except (OSError, RuntimeError) as error:  # a name that is too long; links in a circle
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(place, f"{path!r} cannot be looked up: {reason}") from None
+    return found
+
+
+def _paths(scene: Scene) -> Iterator[tuple[str, str]]:
+    """Every path that the scene names, with its place."""
+    for texture, place in _textures(scene):
+        if isinstance(texture, VolumeDensity):
+            yield texture.path, f"{place}.path"
+    for heights, place in _heights(scene):
+        if isinstance(heights, HeightsFile):
+            yield heights.path, f"{place}.path"
+    for i, surface in enumerate(scene.surfaces):
+        if isinstance(surface, Mesh):
+            yield surface.path, f"surfaces[{i}].path"
+    if scene.image_buffers is not None:
+        yield scene.image_buffers.depth, "image_buffers.depth"
+        if scene.image_buffers.radiance is not None:
+            yield scene.image_buffers.radiance, "image_buffers.radiance"
+
+
+def checksums(scene: Scene, folder: Folder) -> dict[str, str]:
+    """The SHA-256 of every file that a scene names.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    folder : path, optional
+        Where its relative paths begin.
+
+    Returns
+    -------
+    dict of str to str
+        Path as the scene has it to hexadecimal digest, in the order of the paths.
+
+    Raises
+    ------
+    InputError
+        A fault of a path, or a file that cannot be read.
+
+    Examples
+    --------
+    >>> checksums(Scene(), None)
+    {}
+    """
+    digests: dict[str, str] = {}
+    for path, place in _paths(scene):
+        if path not in digests:
+            with open_input(input_path(folder, path, place), place=place) as (file, _):
+                digests[path] = hashlib.sha256(file.read()).hexdigest()
+    return dict(sorted(digests.items()))
+
+
+# --- heights and images -----------------------------------------------------------------------------
+
+
+def fold_heights(folds: Folds) -> NDArray[np.float64]:
+    """The heights of a hanging curtain.
+
+    Parameters
+    ----------
+    folds : Folds
+        Number of waves and samples across.
+
+    Returns
+    -------
+    ndarray, float64, shape (rows, columns)
+        columns = size samples over x in [0, 1]; a quarter as many rows over y (at least 2), along which
+        the curtain only sways once.
+
+    Notes
+    -----
+    h = sin(2π·folds·x)·(1 + ½ sin(2π(y + x)))/1.5, in [−1, 1].
+
+    Examples
+    --------
+    >>> fold_heights(Folds(folds=1, size=5)).round(3).tolist()
+    [[0.0, 1.0, 0.0, -0.333, -0.0], [0.0, 1.0, 0.0, -0.333, -0.0]]
+    """
+    x = np.linspace(0.0, 1.0, folds.size)
+    y = np.linspace(0.0, 1.0, max(2, 1 + (folds.size - 1) // 4))[:, np.newaxis]
+    turn = 2.0 * np.pi
+    heights: NDArray[np.float64] = np.sin(turn * folds.folds * x) * (1.0 + 0.5 * np.sin(turn * (y + x))) / 1.5
+    return heights
+
+
+def _read_heights(folder: Folder, path: str, place: str) -> NDArray[Any]:
+    file = input_path(folder, path, place)
+    heights = _read_floats(file, 2, place)
+    if min(heights.shape) < 2:
+        raise InputError(place, f"{str(file)!r} has shape {heights.shape}, must be at least (2, 2)")
+    refuse(heights, ~np.isfinite(heights), "heights must be finite", file, place=place)
+    return heights
+
+
+def _read_floats(file: Path, ndim: int, place: str) -> NDArray[Any]:
+    if file.suffix.lower() != ".npy":
+        raise InputError(place, f"{str(file)!r} is not a .npy file")
+    values = read_npy(file, ndim=ndim, place=place)
+    if values.dtype.kind != "f":
+        raise InputError(place, f"{str(file)!r} holds {values.dtype.name}, must hold floats")
+    return values
+
+
+def _images(scene: Scene, folder: Folder, wanted: Collection[str],
+            dtype: DTypeLike) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
+    """The depth and the radiance of the scene's image buffers, where wanted."""
+    buffers, camera = scene.image_buffers, scene.camera
+    depth = radiance = None
+    if buffers is not None and "depth" in wanted:
+        place = "image_buffers.depth"
+        file = input_path(folder, buffers.depth, place)
+        depth = _image(file, (camera.height, camera.width), place)
+        refuse(depth, ~(depth > 0.0), "view depth must be above 0 m, or +inf", file, place=place)
+        depth = depth.astype(dtype, copy=False)
+    if buffers is not None and buffers.radiance is not None and "radiance" in wanted:
+        place = "image_buffers.radiance"
+        file = input_path(folder, buffers.radiance, place)
+        colour = _image(file, (camera.height, camera.width, 3), place)
+        refuse(colour, ~(np.isfinite(colour) & (colour >= 0.0)), "radiance must be finite and at least 0",
+               file, place=place)
+        radiance = np.ascontiguousarray(np.moveaxis(colour, 2, 0), dtype)
+    return depth, radiance
+
+
+def _image(file: Path, shape: tuple[int, ...], place: str) -> NDArray[Any]:
+    values = _read_floats(file, len(shape), place)
+    if values.shape != shape:
+        raise InputError(place, f"{str(file)!r} has shape {values.shape}, the camera's image has {shape}")
+    return values
+
+
+# --- meshes -----------------------------------------------------------------------------------------
+
+
+def read_mesh(path: Path, *, place: str = "") -> Triangles:
+    """The triangles of a mesh file, in the file's own space.
+
+    Parameters
+    ----------
+    path : Path
+        ``.obj``, ``.ply`` or ``.glb``; polygons are cut into triangles, the nodes of a ``.glb`` are placed.
+    place : str
+        Where the path was given, for messages.
+
+    Returns
+    -------
+    vertices : ndarray, float64, shape (N, 3)
+        Positions.
+    faces : ndarray, int64, shape (M, 3)
+        Vertex numbers; M ≥ 1.
+
+    Raises
+    ------
+    InputError
+        trimesh is not installed, another extension, no mesh in the file, no triangle, a vertex that is
+        not finite, a vertex number out of range.
+
+    Notes
+    -----
+    Read through trimesh from the bytes alone: materials, textures and buffers in other files are not
+    looked for, so that a mesh cannot make the program open anything outside the scene's folder.
+    """
+    name = repr(str(path))
+    if path.suffix.lower() not in MESH_EXTENSIONS:
+        raise InputError(place, f"{name} is not one of {', '.join(MESH_EXTENSIONS)}")
+    with open_input(path, place=place) as (file, _):
+        data = file.read()
+    if path.suffix.lower() == ".obj":
+        _check_obj(data, name, place)
+    mesh = _parse_mesh(data, path.suffix.lower()[1:], name, place)
+    vertices = np.array(getattr(mesh, "vertices", ()), np.float64).reshape(-1, 3)
+    faces = np.array(getattr(mesh, "faces", ()), np.int64).reshape(-1, 3)
+    if not len(faces):
+        raise InputError(place, f"{name} holds no triangle")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError(place, f"{name} has a face that names a vertex outside its {len(vertices)}")
+    bad = np.count_nonzero(~np.isfinite(vertices).all(axis=1))
+    if bad:
+        raise InputError(place, f"{name} has {bad} vertices that are not finite")
+    return vertices, faces
+
+
+def _check_obj(data: bytes, name: str, place: str) -> None:
+    """Refuse vertex numbers that trimesh would take for others: 0, and those before the first vertex."""
+    count = len(re.findall(rb"^[ \t]*v[ \t]", data, re.MULTILINE))
+    words = b" ".join(re.findall(rb"^[ \t]*f[ \t](.*)", data, re.MULTILINE)).split()
+    numbers = [int(first) for first in (word.partition(b"/")[0] for word in words)
+               if first.lstrip(b"-").isdigit() and len(first) < 20]
+    wrong = next((n for n in numbers if not 1 <= abs(n) <= count), None)
+    if wrong is not None:
+        raise InputError(place, f"{name} has a face with vertex {wrong}, must be 1 to {count}")
+
+
+def _parse_mesh(data: bytes, file_type: str, name: str, place: str) -> Any:
+    with _quiet("trimesh"):
+        try:
+            import trimesh
+        except ImportError:
+            raise InputError(place, f"{name} is a mesh, which needs trimesh: {MESH_INSTALL}") from None
+        try:
+            with io.BytesIO(data) as file:
+                return trimesh.load(file, file_type=file_type, force="mesh", process=False, resolver=None,
+                                    skip_materials=True)
+        except Exception as error:  # the parsers raise whatever a broken file makes them raise
+            reason = str(error).strip().split("\n")[0][:80] or type(error).__name__
+            raise InputError(place, f"{name} cannot be read as .{file_type}: {reason}") from None
+
+
+@contextmanager
+def _quiet(library: str) -> Iterator[None]:
+    """Without the library's log and warnings, which would speak of its insides."""
+    log = logging.getLogger(library)
+    level = log.level
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        log.setLevel(level)

@@ -1,0 +1,368 @@
+"""The command line, ``froxel-ref …``: parsing and printing only.
+
+Exit codes: 0; 2 for anything wrong with the input or the output, with one line on standard error;
+130 when interrupted, 143 when terminated, 141 when the reader of a pipe went away.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import os
+import re
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from froxel_ref import __version__
+from froxel_ref.records import InputError, shown
+
+if TYPE_CHECKING:
+    from froxel_ref.frame import Frame
+    from froxel_ref.scene_files import Loaded
+
+__all__ = ["main"]
+
+Progress = Callable[[str, int, int], None]
+
+EXAMPLES = """\
+examples:
+  froxel-ref scenes
+  froxel-ref render two-volumes -o two-volumes.png --size 1280x720
+  froxel-ref golden thesis-hall -o golden-hall --grid 240x135x128
+  froxel-ref explain uniform
+  froxel-ref schema > scene.schema.json
+"""
+RENDER = """\
+The ending of the output says what is written: .png is the picture as displayed (exposed, tone-mapped,
+sRGB); .npy and .exr (with the extra: pip install 'froxel-ref[exr]') hold linear radiance.
+
+examples:
+  froxel-ref render lights
+  froxel-ref render thesis-hall --set 'global_media[0].extinction=0.05' --fidelity published -o thick.png
+  froxel-ref render my-scene.json --size 1920x1080 -o my-scene.exr
+"""
+GOLDEN = """\
+Writes a folder per stage with .npy arrays in GPU order, pictures, manifest.json and contact_sheet.png,
+whose path is the last line printed.
+
+examples:
+  froxel-ref golden
+  froxel-ref golden thesis-hall -o golden-small --grid 32x18x16 --size 160x90
+  froxel-ref golden smoke --data ../shared/data --set 'lights[0].irradiance=[3,3,3]'
+"""
+EXPLAIN = """\
+The frame is computed, so the axes and bytes are those of this scene, not an estimate.
+
+examples:
+  froxel-ref explain uniform
+  froxel-ref explain thesis-hall --json
+"""
+
+
+# --- the entry --------------------------------------------------------------------------------------
+
+
+class _Terminated(KeyboardInterrupt):
+    """SIGTERM, so that it unwinds like Ctrl-C and nothing half-written stays."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        The arguments; default: the process's own.
+
+    Returns
+    -------
+    int
+        The exit code.
+
+    Examples
+    --------
+    >>> main(["explain", "uniform", "--grid", "8x8x8", "--size", "8x8"])  # doctest: +ELLIPSIS
+    uniform: 8 x 8 x 8 froxels...
+    """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a terminal without Unicode must not stop the work
+    try:
+        with _terminable():
+            args = _parser().parse_args(argv)
+            args.run(args)
+            sys.stdout.flush()
+        return 0
+    except InputError as error:
+        return _fail(str(error))
+    except MemoryError:
+        return _fail("memory: the frame does not fit, a smaller --grid or --size may")
+    except _Terminated:
+        return 143
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        _silence()
+        return 141
+    except OSError as error:
+        _silence()
+        return _fail(f"{error.filename or 'output'}: {error.strerror or error}")
+    except SystemExit as stop:  # argparse, after it has printed help, the version or its one line
+        return int(stop.code or 0)
+
+
+def _fail(message: str) -> int:
+    print("froxel-ref: error:", " ".join(message.split()), file=sys.stderr)
+    return 2
+
+
+def _silence() -> None:
+    """Let Python's flush at exit go nowhere: the output is already known to be broken."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """Turn SIGTERM into an exception while a command runs."""
+    def stop(number: int, frame: Any) -> NoReturn:
+        raise _Terminated
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+# --- arguments --------------------------------------------------------------------------------------
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"froxel-ref: error: {' '.join(message.split())} (see {self.prog} --help)\n")
+
+
+def _parser() -> argparse.ArgumentParser:
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = _Parser(prog="froxel-ref", formatter_class=raw, epilog=EXAMPLES,
+                     description="Reference implementation of froxel volumetric lighting.")
+    parser.add_argument("--version", action="version", version=f"froxel-ref {__version__}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=_Parser)
+
+    def command(name: str, run: Callable[[Any], None], about: str, epilog: str) -> argparse.ArgumentParser:
+        added = commands.add_parser(name, help=about, description=about[0].upper() + about[1:] + ".",
+                                    epilog=epilog, formatter_class=raw)
+        added.set_defaults(run=run)
+        return added
+
+    command("scenes", _scenes, "list the built-in scenes", "example:\n  froxel-ref scenes\n")
+    render = command("render", _render, "compute a frame and write its final image", RENDER)
+    _scene_options(render)
+    _output_options(render, "IMAGE", "file to write (default: SCENE.png)")
+    golden = command("golden", _golden, "write every stage's arrays as a golden set", GOLDEN)
+    _scene_options(golden, default="thesis-hall")
+    _output_options(golden, "DIR", "folder to make (default: golden-SCENE)")
+    explain = command("explain", _explain, "say which stages a scene needs, and why", EXPLAIN)
+    _scene_options(explain)
+    explain.add_argument("--json", action="store_true", help="print JSON")
+    command("schema", _schema, "print the JSON Schema of scene files",
+            "example:\n  froxel-ref schema > scene.schema.json\n")
+    return parser
+
+
+def _scene_options(parser: argparse.ArgumentParser, default: str | None = None) -> None:
+    only = {"nargs": "?", "default": default} if default else {}
+    parser.add_argument("scene", metavar="SCENE", help="a built-in scene or a .json file"
+                        + (f" (default: {default})" if default else ""), **only)  # type: ignore[arg-type]
+    parser.add_argument("--grid", metavar="WxHxD", help="froxels across, down and in depth")
+    parser.add_argument("--size", metavar="WxH", help="image size in pixels")
+    parser.add_argument("--data", metavar="DIR", help="folder of the files that the scene names")
+    parser.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], dest="changes",
+                        help="change one value of the scene or the settings; may be repeated")
+    parser.add_argument("--precision", metavar="TYPE", help="float64 (default) or float32")
+    parser.add_argument("--fidelity", metavar="NAME", help="corrected (default), published or author")
+
+
+def _output_options(parser: argparse.ArgumentParser, metavar: str, about: str) -> None:
+    parser.add_argument("-o", "--output", metavar=metavar, help=about)
+    parser.add_argument("--force", action="store_true", help="replace what an earlier run wrote there")
+
+
+def _sizes(text: str, option: str, form: str) -> list[str]:
+    parts = text.lower().split("x")
+    if len(parts) != form.count("x") + 1 or not all(re.fullmatch(r"[0-9]{1,18}", part) for part in parts):
+        raise InputError(option, f"is {shown(text)}, must be {form}, whole numbers of at least 1")
+    return parts
+
+
+def _load(args: argparse.Namespace) -> Loaded:
+    """The scene with the options that change it, each by the name that its own message will give."""
+    from froxel_ref.scene_files import load
+
+    changes = list(args.changes)
+    if args.precision is not None:
+        changes.append(f"settings.precision={json.dumps(args.precision)}")
+    if args.fidelity is not None:
+        changes.append(f"settings.fidelity={json.dumps(args.fidelity)}")
+    if args.grid is not None:
+        sizes = _sizes(args.grid, "--grid", "WIDTHxHEIGHTxDEPTH")
+        axes = ("width", "height", "depth")
+        changes += [f"settings.grid.{axis}={n}" for axis, n in zip(axes, sizes, strict=True)]
+    if args.size is not None:
+        sizes = _sizes(args.size, "--size", "WIDTHxHEIGHT")
+        changes += [f"scene.camera.{axis}={n}" for axis, n in zip(("width", "height"), sizes, strict=True)]
+    return load(args.scene, overrides=changes, data=args.data)
+
+
+def _run(loaded: Loaded, outputs: list[str] | None, progress: Progress) -> Frame:
+    from froxel_ref.assets import load_assets
+    from froxel_ref.frame import plan, run_frame
+
+    plan(loaded.scene, loaded.settings, outputs)  # refuses a size beyond the memory before files are read
+    assets = load_assets(loaded.scene, loaded.folder)
+    return run_frame(loaded.scene, loaded.settings, assets=assets, outputs=outputs, progress=progress)
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """A bar on standard error, if that is a terminal."""
+    from tqdm import tqdm
+
+    layout = "{desc:<32} {bar} {n}/{total}"
+    with tqdm(total=0, file=sys.stderr, disable=None, leave=False, bar_format=layout) as bar:
+        def tell(name: str, index: int, count: int) -> None:
+            bar.total, bar.n = count, index
+            bar.set_description_str(name)
+
+        yield tell
+
+
+# --- commands ---------------------------------------------------------------------------------------
+
+
+def _scenes(args: argparse.Namespace) -> None:
+    from froxel_ref.scene_files import builtin, load
+
+    rows = [("name", "surfaces", "lights", "media", "shows")]
+    for name, about in builtin().items():
+        scene = load(name).scene
+        rows.append((name, str(len(scene.surfaces) or ("buffers" if scene.image_buffers else 0)),
+                     str(len(scene.lights) + scene.extra_lights.count),
+                     str(len(scene.global_media) + len(scene.local_media)), about))
+    _table(rows, "lrrrl")
+
+
+def _render(args: argparse.Namespace) -> None:
+    from froxel_ref.image_files import image_writer
+    from froxel_ref.output import whole_file
+
+    path = Path(args.output or f"{Path(args.scene).stem}.png")
+    write = image_writer(path)
+    with _progress() as progress, whole_file(path, force=args.force) as partial:
+        frame = _run(_load(args), ["apply/radiance"], progress)
+        write(partial, frame)
+    print(path)
+
+
+def _golden(args: argparse.Namespace) -> None:
+    from froxel_ref.frame import estimate_bytes, plan
+    from froxel_ref.golden import check_target, write_golden
+    from froxel_ref.output import check_space
+
+    folder = Path(args.output or f"golden-{Path(args.scene).stem}")
+    check_target(folder, force=args.force)  # again when the folder is made: this one saves the wait
+    loaded = _load(args)
+    plan(loaded.scene, loaded.settings)
+    if folder.absolute().parent.is_dir():
+        check_space(folder.absolute().parent, estimate_bytes(loaded.scene, loaded.settings))
+    with _progress() as progress:
+        frame = _run(loaded, None, progress)
+        golden = write_golden(frame, loaded, folder, force=args.force, progress=progress)
+    rows = [("stage", "arrays", "MB", "seconds", "")]
+    for entry in golden.manifest["stages"]:
+        files = [a["file"] for a in golden.manifest["arrays"] if a["name"].startswith(entry["name"] + "/")]
+        size = sum((folder / file).stat().st_size for file in files)
+        seconds = f"{frame.timings[entry['name']]:.3f}" if entry["name"] in frame.timings else "-"
+        rows.append((entry["name"], str(len(files)), f"{size / 1e6:.1f}", seconds,
+                     "" if entry["runs"] else f"left out: {entry['why']}"))
+    _table(rows, "lrrrl")
+    print(f"{len(golden.manifest['arrays'])} arrays, {golden.size / 1e6:.1f} MB with their pictures")
+    print(golden.contact_sheet)
+
+
+def _explain(args: argparse.Namespace) -> None:
+    loaded = _load(args)
+    with _progress() as progress:
+        frame = _run(loaded, None, progress)
+    facts = _facts(frame)
+    if args.json:
+        print(json.dumps(facts, indent=2))
+        return
+    grid, camera = loaded.settings.grid, loaded.scene.camera
+    print(f"{loaded.scene.name or args.scene}: {grid.width} x {grid.height} x {grid.depth} froxels, "
+          f"{camera.width} x {camera.height} pixels, {loaded.settings.precision}, {loaded.settings.fidelity}")
+    for stage in facts["stages"]:
+        print(f"\n{stage['name']}: {'runs' if stage['runs'] else 'left out'} ({stage['why']})")
+        for part in stage["parts"]:
+            print(f"  {'with' if part['runs'] else 'without'} {part['name']} ({part['why']})")
+        rows = [(f"  {a['name']}", a["varies"] or "constant", _megabytes(a["bytes"]), "of",
+                 _megabytes(a["expanded_bytes"])) for a in stage["arrays"]]
+        _table(rows, "llrlr")
+    print(f"\ntotal: {_megabytes(facts['bytes'])}, of {_megabytes(facts['expanded_bytes'])} at full size")
+
+
+def _facts(frame: Frame) -> dict[str, Any]:
+    """The plan and what came of it, as plain values."""
+    from froxel_ref.golden import gpu_array
+    from froxel_ref.pictures import varying
+    from froxel_ref.stages import QUANTITIES
+
+    stages: list[dict[str, Any]] = []
+    for planned in frame.plan.stages:
+        arrays = []
+        for name in planned.stage.writes:
+            if name not in frame.results or not frame.results[name].size:
+                continue
+            array, quantity = frame.results[name], QUANTITIES[name]
+            full, _ = gpu_array(array, quantity, frame.scene.camera, frame.settings.grid)
+            arrays.append({"name": name, "unit": quantity.unit, "about": quantity.about,
+                           "varies": " ".join(varying(array, quantity)), "bytes": array.size * array.itemsize,
+                           "expanded_bytes": full.size * full.itemsize})
+        parts = [{"name": part.name, "runs": part.runs, "why": part.why} for part in planned.parts]
+        stages.append({"name": planned.name, "about": planned.stage.about, "runs": planned.runs,
+                       "why": planned.why, "parts": parts, "arrays": arrays})
+    every = [array for stage in stages for array in stage["arrays"]]
+    return {"stages": stages} | {key: sum(a[key] for a in every) for key in ("bytes", "expanded_bytes")}
+
+
+def _schema(args: argparse.Namespace) -> None:
+    from froxel_ref.scene_files import schema
+
+    print(json.dumps(schema(), indent=2))
+
+
+# --- printing ---------------------------------------------------------------------------------------
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 1e6:.3f} MB" if size >= 1000 else f"{size} B"
+
+
+def _table(rows: Sequence[Sequence[str]], align: str) -> None:
+    """Columns, each as wide as its widest entry; ``l`` and ``r`` say to which side."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = [cell.ljust(w) if side == "l" else cell.rjust(w)
+                 for cell, w, side in zip(row, widths, align, strict=True)]
+        print("  ".join(cells).rstrip())

@@ -1,0 +1,234 @@
+"""A frame: the plan of what a scene needs, and the run of its stages with nothing else.
+
+The plan walks back from the asked-for outputs through the stage table (`froxel_ref.stages`), drops
+every stage that this scene does not need, and says why. A dropped stage stands for its neutral value.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from froxel_ref.arrays import Field
+from froxel_ref.assets import Assets, load_assets
+from froxel_ref.records import InputError, suggest
+from froxel_ref.scene import Scene
+from froxel_ref.settings import Settings
+from froxel_ref.stages import FINAL, QUANTITIES, STAGES, Job, Part, Quantity, Stage, forced
+
+__all__ = ["FINAL", "QUANTITIES", "Frame", "Plan", "Planned", "Quantity", "estimate_bytes", "plan", "run_frame"]
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Planned:
+    """One stage of a plan: whether it runs, why, and what it leaves out within itself."""
+
+    stage: Stage
+    runs: bool
+    why: str
+    parts: tuple[Part, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The stage's name."""
+        return self.stage.name
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a frame will do, stage by stage, and which results it keeps."""
+
+    stages: tuple[Planned, ...]
+    outputs: tuple[str, ...]
+
+    def __getitem__(self, name: str) -> Planned:
+        return next(planned for planned in self.stages if planned.name == name)
+
+    @property
+    def left_out(self) -> tuple[Planned, ...]:
+        """The stages that do not run."""
+        return tuple(planned for planned in self.stages if not planned.runs)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The results of a run by name, the plan that made them, and seconds per stage."""
+
+    results: Mapping[str, Field]
+    plan: Plan
+    timings: Mapping[str, float]
+    scene: Scene
+    settings: Settings
+
+    def __getitem__(self, name: str) -> Field:
+        return self.results[name]
+
+    @property
+    def display_exposure(self) -> float:
+        """The factor from the final radiance to display: 1 where the lighting already holds it (A12)."""
+        return 1.0 if self.settings.exposure == "lighting" else self.scene.camera.exposure
+
+
+def estimate_bytes(scene: Scene, settings: Settings) -> int:
+    """Memory that a frame may need at most, if every field varied on all its axes.
+
+    Parameters
+    ----------
+    scene : Scene
+    settings : Settings
+
+    Returns
+    -------
+    int
+        Bytes of all results at full size; the run's own blocks add a few MB per thread.
+
+    Examples
+    --------
+    >>> estimate_bytes(Scene(), Settings()) // 10**6
+    181
+    """
+    sizes = {"x": settings.grid.width, "y": settings.grid.height, "z": settings.grid.depth}
+    image = {"x": scene.camera.width, "y": scene.camera.height}
+    total = 0
+    for quantity in QUANTITIES.values():
+        size = {"c": 3, "l": 1} | (sizes if "z" in quantity.axes or quantity.on_grid else image)
+        total += int(np.prod([size[axis] for axis in quantity.axes], dtype=object))
+    return total * np.dtype(settings.precision).itemsize
+
+
+def _machine_bytes() -> int:
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):  # not a POSIX system: no figure, so no early refusal
+        return 1 << 62
+
+
+def _check_size(scene: Scene, settings: Settings) -> None:
+    need, have = estimate_bytes(scene, settings), _machine_bytes()
+    if need > 0.8 * have:
+        g, c = settings.grid, scene.camera
+        raise InputError(
+            "settings.grid", f"{g.width}x{g.height}x{g.depth} froxels and {c.width}x{c.height} pixels need up to "
+            f"{need / 2**30:,.1f} GiB, must stay below 80 % of this machine's {have / 2**30:,.1f} GiB")
+
+
+def plan(scene: Scene, settings: Settings | None = None, outputs: Iterable[str] | None = None, *,
+         force_all: bool = False) -> Plan:
+    """Which stages this frame runs, and why.
+
+    Parameters
+    ----------
+    scene : Scene
+    settings : Settings, optional
+    outputs : iterable of str, optional
+        Names of the results to keep (see `QUANTITIES`); default: all of them.
+    force_all : bool
+        Run everything, needed or not: the comparison that shows that leaving out changes nothing.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    InputError
+        An unknown output, or a size that this machine's memory cannot hold.
+
+    Examples
+    --------
+    >>> print(plan(Scene())["media"].why)
+    the scene has no medium with extinction or emission
+    """
+    settings = settings or Settings()
+    _check_size(scene, settings)
+    wanted = tuple(QUANTITIES) if outputs is None else tuple(dict.fromkeys(outputs))
+    for name in wanted:
+        if name not in QUANTITIES:
+            raise InputError("outputs", f"{name!r} is not a result; {suggest(name, QUANTITIES)}")
+    asked = set(wanted)
+    planned: list[Planned] = []
+    for stage in reversed(STAGES):
+        if force_all:
+            runs, why = True, "forced"
+        elif not asked & set(stage.writes):
+            runs, why = False, "nothing that was asked for reads it"
+        else:
+            runs, why = stage.needed(scene, settings)
+        if runs:
+            asked |= set(stage.reads)
+        planned.append(Planned(stage, runs, why, stage.parts(scene, settings)))
+    return Plan(tuple(reversed(planned)), wanted)
+
+
+def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets | None = None,
+              outputs: Iterable[str] | None = None, force_all: bool = False, threads: int | None = None,
+              progress: Progress | None = None) -> Frame:
+    """Compute a frame: every stage that its plan keeps, in order.
+
+    Parameters
+    ----------
+    scene : Scene
+    settings : Settings, optional
+    assets : Assets, optional
+        What the scene's files hold (`load_assets`); needed where the scene names files.
+    outputs : iterable of str, optional
+        Names of the results to keep (see `QUANTITIES`); default: all of them. Other results are dropped
+        as soon as their last reader has run.
+    force_all : bool
+        Run every stage and every part of it with neutral values, on fields that carry all their axes.
+    threads : int, optional
+        Default: one per core. The result does not depend on it.
+    progress : callable, optional
+        Called as ``progress(stage, index, count)`` before each stage.
+
+    Returns
+    -------
+    Frame
+        ``results`` maps names to arrays, channel first, with length-1 axes where nothing varies. The
+        results of stages that were left out are their neutral values.
+
+    Raises
+    ------
+    InputError
+        An unknown output, a size beyond the memory, or a file that the scene needs.
+
+    Notes
+    -----
+    L = L_scene·T + L_fog [Dörries 2020, eq. 2.11, listing 3.5]. Blocks and threads never change a bit of
+    the result; neither does leaving out, since a neutral value is an exact 0 or 1.
+
+    Examples
+    --------
+    >>> frame = run_frame(Scene(background=(0.5, 0.5, 0.5)), outputs=[FINAL])
+    >>> frame[FINAL].shape, float(frame[FINAL].max())
+    ((3, 1, 1), 0.5)
+    """
+    settings = settings or Settings()
+    the_plan = plan(scene, settings, outputs, force_all=force_all)
+    if assets is None:
+        assets = load_assets(scene, None)
+    job = Job(scene, settings, assets, threads, full=force_all)
+    if force_all:
+        job = forced(job)
+    running = [planned.stage for planned in the_plan.stages if planned.runs]
+    results: dict[str, Field] = {}
+    for planned in the_plan.stages:
+        if not planned.runs:
+            results |= planned.stage.neutral(job)
+    timings = {}
+    for index, stage in enumerate(running):
+        if progress is not None:
+            progress(stage.name, index, len(running))
+        begin = time.perf_counter()
+        results |= stage.run(job, {name: results[name] for name in stage.reads})
+        timings[stage.name] = time.perf_counter() - begin
+        still_read = {name for later in running[index + 1:] for name in later.reads} | set(the_plan.outputs)
+        results = {name: field for name, field in results.items() if name in still_read}
+    kept = {name: results[name] for name in QUANTITIES if name in results and name in the_plan.outputs}
+    return Frame(kept, the_plan, timings, scene, settings)

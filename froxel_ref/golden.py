@@ -1,0 +1,290 @@
+"""Golden sets: every result of a frame as files that another implementation can be held against.
+
+One folder per stage, one ``.npy`` file per result in the order of a GPU texture, a picture of each, a
+contact sheet, and ``manifest.json``, which says what everything is. The manifest holds no time and no
+path of the machine, so that two runs give the same bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import froxel_ref
+from froxel_ref.arrays import Field
+from froxel_ref.image_files import write_png
+from froxel_ref.output import check_space, refusal, whole_folder
+from froxel_ref.records import InputError, shown
+
+if TYPE_CHECKING:
+    from froxel_ref.frame import Frame
+    from froxel_ref.scene import Camera
+    from froxel_ref.scene_files import Loaded
+    from froxel_ref.settings import Grid
+    from froxel_ref.stages import Quantity
+
+__all__ = [
+    "CONTACT_SHEET", "MANIFEST", "GoldenSet", "check_target", "golden_bytes", "gpu_array", "write_golden",
+]
+
+FORMAT, VERSION = "froxel-ref golden set", 1
+MANIFEST, CONTACT_SHEET = "manifest.json", "contact_sheet.png"
+SLAB = 1 << 22  # bytes written at once: the most that is ever expanded
+PICTURE_BYTES = 4_000_000  # the pictures of one array and its share of the contact sheet, generously
+ABOUT = {
+    "order": "each .npy file is C-contiguous and little-endian, its axes as listed, the last one fastest; "
+             "rows run from the top of the image, slices away from the camera",
+    "varies": "the axes along which the values may differ; along the others they are repeated",
+    "sha256": "of the whole file's bytes, header included",
+}
+AXES = {"z": "z", "y": "y", "x": "x", "c": "channel", "l": "lobe"}
+
+Progress = Callable[[str, int, int], None]
+
+
+class GoldenSet(NamedTuple):
+    """A golden set on disk: its folder, its manifest, its contact sheet and its size in bytes."""
+
+    folder: Path
+    manifest: dict[str, Any]
+    contact_sheet: Path
+    size: int
+
+
+# --- layout -----------------------------------------------------------------------------------------
+
+
+def gpu_array(array: Field, quantity: Quantity, camera: Camera, grid: Grid) -> tuple[Field, str]:
+    """An array as a GPU texture holds it: full size, channel last.
+
+    Parameters
+    ----------
+    array : array
+        As computed: channel first, length 1 where constant.
+    quantity : Quantity
+        What it is.
+    camera, grid : Camera, Grid
+        The sizes of images and volumes.
+
+    Returns
+    -------
+    view : array
+        A read-only view; nothing is expanded.
+    axes : str
+        Its axes, such as ``zyxc``.
+
+    Examples
+    --------
+    >>> from froxel_ref.scene import Camera; from froxel_ref.settings import Grid
+    >>> from froxel_ref.stages import QUANTITIES
+    >>> view, axes = gpu_array(np.ones((3, 1, 1, 1)), QUANTITIES["media/scattering"], Camera(), Grid())
+    >>> view.shape, axes
+    ((64, 90, 160, 3), 'zyxc')
+    """
+    axes = "c" * (array.ndim - len(quantity.axes)) + quantity.axes
+    on_grid = quantity.on_grid or "z" in axes
+    columns, rows = (grid.width, grid.height) if on_grid else (camera.width, camera.height)
+    sizes = dict(zip(axes, array.shape, strict=True)) | {"x": columns, "y": rows, "z": grid.depth}
+    whole = np.broadcast_to(array, tuple(sizes[axis] for axis in axes))
+    if "c" not in axes:
+        return whole, axes
+    return np.moveaxis(whole, axes.index("c"), -1), axes.replace("c", "") + "c"
+
+
+def _slabs(view: Field) -> Iterator[NDArray[Any]]:
+    """The array's values in order, little-endian, a few megabytes at a time."""
+    rows = max(1, SLAB // max(1, view.itemsize * math.prod(view.shape[1:])))
+    kind = view.dtype.newbyteorder("<")
+    for begin in range(0, view.shape[0], rows):
+        yield np.ascontiguousarray(view[begin:begin + rows], dtype=kind)
+
+
+def _write_array(path: Path, view: Field) -> str:
+    """Write a ``.npy`` file slab by slab; its SHA-256."""
+    digest = hashlib.sha256()
+
+    class Tee:
+        def write(self, data: Any) -> int:
+            digest.update(data)
+            return file.write(data)
+
+    header = {"descr": np.lib.format.dtype_to_descr(view.dtype.newbyteorder("<")), "fortran_order": False,
+              "shape": view.shape}
+    with path.open("wb") as file:
+        np.lib.format.write_array_header_1_0(Tee(), header)
+        for slab in _slabs(view):
+            Tee().write(slab.data.cast("B"))
+    return digest.hexdigest()
+
+
+def golden_bytes(frame: Frame) -> int:
+    """About how many bytes a golden set of this frame takes: its arrays at full size, and pictures."""
+    from froxel_ref.stages import QUANTITIES
+
+    views = (gpu_array(array, QUANTITIES[name], frame.scene.camera, frame.settings.grid)[0]
+             for name, array in frame.results.items())
+    return sum(view.size * view.itemsize + PICTURE_BYTES for view in views)
+
+
+# --- where it may stand -----------------------------------------------------------------------------
+
+
+def check_target(folder: Path, *, force: bool) -> None:
+    """Refuse a place that holds something a golden set must not replace.
+
+    Parameters
+    ----------
+    folder : Path
+    force : bool
+        Whether a golden set that stands there may be replaced; nothing else ever is, but an empty folder.
+
+    Raises
+    ------
+    InputError
+        It exists and ``force`` is not set, it is a file, or it holds anything but a golden set.
+    """
+    name = shown(str(folder))
+    try:
+        if not folder.exists():
+            return
+        if not folder.is_dir():
+            raise InputError("output", f"{name} is a file, must be a folder")
+        if not force:
+            raise InputError("output", f"{name} exists; give --force to replace it")
+        foreign = _foreign(folder)
+    except OSError as error:
+        raise refusal(error, "output", folder) from None
+    if foreign:
+        raise InputError("output", f"{name} holds {shown(foreign)}, which is not part of a golden set, "
+                                   "must be empty or a golden set to be replaced")
+
+
+def _foreign(folder: Path) -> str | None:
+    """A file in the folder that no golden set's manifest there speaks of."""
+    files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*")
+                   if path.is_symlink() or not path.is_dir())
+    known: set[str] = set()
+    try:
+        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        if manifest["format"] == FORMAT:
+            known = {MANIFEST, CONTACT_SHEET}
+            known |= {str(array[key]) for array in manifest["arrays"] for key in ("file", "preview")}
+    except (OSError, ValueError, TypeError, KeyError):
+        pass
+    return next((file for file in files if file not in known), None)
+
+
+# --- the manifest -----------------------------------------------------------------------------------
+
+
+def _stage_entries(frame: Frame) -> list[dict[str, Any]]:
+    entries = []
+    for planned in frame.plan.stages:
+        entry: dict[str, Any] = {"name": planned.name, "about": planned.stage.about, "runs": planned.runs,
+                                 "why": planned.why}
+        parts = [{"name": part.name, "runs": part.runs, "why": part.why} for part in planned.parts]
+        entry |= {"parts": parts} if parts else {}
+        if not planned.runs:
+            entry["neutral"] = {name: _plain(frame.results[name]) for name in planned.stage.writes
+                                if name in frame.results and frame.results[name].size <= 3}
+        entries.append(entry)
+    return entries
+
+
+def _plain(array: Field) -> Any:
+    """A constant as JSON, which knows no infinity."""
+    values = [v if math.isfinite(v) else str(v) for v in np.unique(array).tolist()]
+    return values[0] if len(values) == 1 else [float(v) for v in array.ravel()]
+
+
+# --- writing ----------------------------------------------------------------------------------------
+
+
+def write_golden(frame: Frame, loaded: Loaded, folder: Path, *, force: bool = False,
+                 progress: Progress | None = None) -> GoldenSet:
+    """Write a frame's results, pictures and manifest into a folder that appears whole or not at all.
+
+    Parameters
+    ----------
+    frame : Frame
+        From `froxel_ref.frame.run_frame` on ``loaded``'s scene and settings.
+    loaded : Loaded
+        Scene, settings and the folder of the files that the scene names.
+    folder : Path
+        The folder to make.
+    force : bool
+        Replace a golden set that stands there, once the new one is complete.
+    progress : callable, optional
+        Called as ``progress(result, index, count)`` before each result, and for the contact sheet.
+
+    Returns
+    -------
+    GoldenSet
+
+    Raises
+    ------
+    InputError
+        The place is taken or cannot be written, the disk is too small or runs full.
+
+    Notes
+    -----
+    Arrays are expanded a few megabytes at a time while they are written. The manifest is written last.
+    """
+    from froxel_ref.assets import checksums
+    from froxel_ref.scene_files import document
+
+    folder = Path(folder)
+    tell = progress or (lambda name, index, count: None)
+    names = [name for name, array in frame.results.items() if array.size]
+    with whole_folder(folder, lambda target: check_target(target, force=force)) as partial:
+        check_space(partial, golden_bytes(frame))
+        manifest: dict[str, Any] = {
+            "format": FORMAT, "schema_version": VERSION, "conventions": ABOUT,
+            "made_by": {"froxel-ref": froxel_ref.__version__, "numpy": np.__version__},
+            "input": document(loaded.scene, loaded.settings),
+            "input_files": checksums(loaded.scene, loaded.folder),
+            "stages": _stage_entries(frame), "contact_sheet": CONTACT_SHEET,
+        }
+        entries = []
+        for index, name in enumerate(names):
+            tell(name, index, len(names) + 1)
+            entries.append(_write_result(partial, name, frame))
+        tell("contact sheet", len(names), len(names) + 1)
+        _write_contact_sheet(partial, frame)
+        manifest["arrays"] = entries
+        text = json.dumps(manifest, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        (partial / MANIFEST).write_text(text, encoding="utf-8", newline="\n")
+        size = sum(path.stat().st_size for path in partial.rglob("*") if path.is_file())
+    return GoldenSet(folder, manifest, folder / CONTACT_SHEET, size)
+
+
+def _write_result(folder: Path, name: str, frame: Frame) -> dict[str, Any]:
+    """One array and its picture; its entry in the manifest."""
+    from froxel_ref.pictures import View, preview, varying
+    from froxel_ref.stages import QUANTITIES
+
+    array, quantity = frame.results[name], QUANTITIES[name]
+    view, axes = gpu_array(array, quantity, frame.scene.camera, frame.settings.grid)
+    file = f"{name}.npy"
+    (folder / file).parent.mkdir(exist_ok=True)
+    sha256 = _write_array(folder / file, view)
+    picture = f"{name}.png"
+    how = View(frame.scene.camera, frame.settings.grid, frame.display_exposure)
+    write_png(folder / picture, preview(array, quantity, name=name, view=how))
+    return {"name": name, "file": file, "preview": picture, "shape": list(view.shape),
+            "dtype": view.dtype.newbyteorder("<").str, "axes": [AXES[axis] for axis in axes],
+            "varies": list(varying(array, quantity)), "unit": quantity.unit, "about": quantity.about,
+            "sha256": sha256}
+
+
+def _write_contact_sheet(folder: Path, frame: Frame) -> None:
+    from froxel_ref.pictures import contact_sheet
+
+    write_png(folder / CONTACT_SHEET, contact_sheet(frame))

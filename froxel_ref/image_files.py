@@ -1,0 +1,90 @@
+"""Image files: ``.png`` as displayed, ``.npy`` and ``.exr`` with linear radiance."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from froxel_ref.arrays import Field
+from froxel_ref.records import InputError, shown
+
+if TYPE_CHECKING:
+    from froxel_ref.frame import Frame
+
+__all__ = ["image_writer", "linear_image", "write_png"]
+
+
+def image_writer(path: Path) -> Callable[[Path, Frame], None]:
+    """How a file of this name's ending is written.
+
+    Parameters
+    ----------
+    path : Path
+        Its ending, in any case, is ``.png`` (exposed, tone-mapped, sRGB, 8 bits), ``.npy`` (linear
+        radiance in the frame's precision) or ``.exr`` (linear radiance in float32).
+
+    Returns
+    -------
+    callable
+        ``write(path, frame)``.
+
+    Raises
+    ------
+    InputError
+        Another ending, or ``.exr`` without OpenEXR. Nothing is guessed: imageio alone would write a TIFF
+        under the name ``.exr`` and say nothing.
+
+    Examples
+    --------
+    >>> image_writer(Path("fog.tiff"))
+    Traceback (most recent call last):
+        ...
+    froxel_ref.records.InputError: output: 'fog.tiff' must end in one of .png, .npy, .exr
+    """
+    writers = {".png": _write_display, ".npy": _write_npy, ".exr": _write_exr}
+    ending = path.suffix.lower()
+    if ending not in writers:
+        raise InputError("output", f"{shown(str(path))} must end in one of {', '.join(writers)}")
+    if ending == ".exr" and importlib.util.find_spec("OpenEXR") is None:
+        raise InputError("output", "writing .exr needs OpenEXR: python -m pip install 'froxel-ref[exr]'")
+    return writers[ending]
+
+
+def linear_image(frame: Frame) -> Field:
+    """The final radiance at the camera's size, shape (height, width, 3), C-contiguous."""
+    camera = frame.scene.camera
+    whole = np.broadcast_to(frame["apply/radiance"], (3, camera.height, camera.width))
+    return np.ascontiguousarray(np.moveaxis(whole, 0, -1))
+
+
+def write_png(path: Path, image: NDArray[np.uint8]) -> None:
+    """Write an 8-bit RGB image as PNG; the same image gives the same bytes."""
+    import imageio.v3 as iio
+
+    path.write_bytes(iio.imwrite("<bytes>", image, extension=".png", plugin="pillow"))
+
+
+def _write_display(path: Path, frame: Frame) -> None:
+    from froxel_ref.pictures import View, final_image
+
+    view = View(frame.scene.camera, frame.settings.grid, frame.display_exposure)
+    write_png(path, final_image(frame["apply/radiance"], view))
+
+
+def _write_npy(path: Path, frame: Frame) -> None:
+    image = linear_image(frame)
+    with path.open("wb") as file:
+        np.lib.format.write_array(file, image.astype(image.dtype.newbyteorder("<")), allow_pickle=False)
+
+
+def _write_exr(path: Path, frame: Frame) -> None:
+    import OpenEXR  # type: ignore[import-not-found,import-untyped,unused-ignore]
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, {"RGB": linear_image(frame).astype(np.float32)}) as file:
+        file.write(str(path))

@@ -1,0 +1,320 @@
+"""What arrives at a point from one light: its direction and the factor on its colour.
+
+`colour` (light) times the factor of `light_at` is the irradiance on a surface that faces the light,
+without visibility. The parts (`distance_attenuation`, `cone_attenuation`) are what `froxel_ref.lighting`
+evaluates along camera rays; surfaces and the truth call `light_at` on points.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from froxel_ref.arrays import Field, Points
+from froxel_ref.records import InputError
+from froxel_ref.scene import DirectionalLight, Light, PointLight, Rgb, SpotLight
+
+__all__ = [
+    "ATTENUATIONS", "Cone", "colour", "cone_attenuation", "distance_attenuation", "light_at",
+    "point_intensity", "smallest_d2", "spot_cone", "spot_intensity", "unit",
+]
+
+ATTENUATIONS = ("min_distance", "inverse_radius")
+
+Cone = tuple[float, float]
+"""Scale and offset of a spot light's cone: the factor is sat(cos·scale + offset)²."""
+
+
+def colour(light: Light) -> NDArray[np.float64]:
+    """What the factor of `light_at` multiplies: irradiance of a directional light, intensity of the others.
+
+    Parameters
+    ----------
+    light : Light
+        Any light.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+        [W m⁻²] for a directional light, [W sr⁻¹] for the others.
+
+    Examples
+    --------
+    >>> colour(PointLight(position=(0, 0, 0), intensity=(1, 2, 3)))
+    array([1., 2., 3.])
+    """
+    return np.array(light.irradiance if isinstance(light, DirectionalLight) else light.intensity)
+
+
+def unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    """A vector of length 1, from one of any finite length but zero.
+
+    Examples
+    --------
+    >>> unit((0.0, 3e200, 4e200))
+    (0.0, 0.6, 0.8)
+    """
+    # Scaled by its largest component first: the square of 1e200 would overflow, that of 1e-200 vanish.
+    largest = max(abs(c) for c in vector)
+    scaled = [c / largest for c in vector]
+    length = math.hypot(*scaled)
+    return scaled[0] / length, scaled[1] / length, scaled[2] / length
+
+
+def smallest_d2(light: PointLight, attenuation: str = "min_distance") -> float:
+    """The lower bound on the squared distance [m²] that keeps the inverse square finite.
+
+    Parameters
+    ----------
+    light : PointLight or SpotLight
+        Gives ``min_distance`` or ``radius``.
+    attenuation : {"min_distance", "inverse_radius"}
+        d_min², or 1/r² as the thesis's own program has it (A6; the number of 1/m² is taken as m²).
+
+    Returns
+    -------
+    float
+        Bound on d² [m²].
+
+    Raises
+    ------
+    InputError
+        For another word.
+
+    Examples
+    --------
+    >>> smallest_d2(PointLight(position=(0, 0, 0), intensity=(1, 1, 1), radius=4), "inverse_radius")
+    0.0625
+    """
+    if attenuation not in ATTENUATIONS:
+        raise InputError("attenuation", f"is {attenuation!r}, must be one of {', '.join(ATTENUATIONS)}")
+    return (light.min_distance if attenuation == "min_distance" else 1.0 / light.radius) ** 2
+
+
+def distance_attenuation(d2: Field, light: PointLight, *, attenuation: str = "min_distance") -> Field:
+    """The factor on a point or spot light's intensity at squared distance d².
+
+    Parameters
+    ----------
+    d2 : ndarray
+        Squared distances [m²], at least 0, finite.
+    light : PointLight or SpotLight
+        Gives radius, falloff and min_distance.
+    attenuation : {"min_distance", "inverse_radius"}
+        See `smallest_d2`.
+
+    Returns
+    -------
+    ndarray, shape of ``d2``
+        [m⁻²], in the dtype of ``d2``.
+
+    Raises
+    ------
+    InputError
+        For an unknown ``attenuation``.
+
+    Notes
+    -----
+    sat(1 − (d²/r²)²)² / max(d², d_min²) [Dörries 2020, listing 3.7 leaves the function open; departure A6],
+    exactly 0 from the radius on; with ``falloff="inverse_square"`` 1 / max(d², d_min²) and no end.
+    d²/r² is cut at 1 before it is squared, so nothing overflows for any finite d². The window's relative
+    error grows as 1/(1 − (d²/r²)²) towards the radius, the absolute one stays at some ulp of 1/d².
+
+    Examples
+    --------
+    >>> lamp = PointLight(position=(0, 0, 0), intensity=(1, 1, 1), radius=2)
+    >>> distance_attenuation(np.array([0.0, 1.0, 2.0, 4.0]), lamp)
+    array([1.0000000e+04, 8.7890625e-01, 2.8125000e-01, 0.0000000e+00])
+    """
+    bounded = np.maximum(d2, _normal(smallest_d2(light, attenuation), d2.dtype))
+    if light.falloff == "inverse_square":
+        return np.asarray(1.0 / bounded)
+    with np.errstate(over="ignore"):  # d²/r² beyond all numbers is cut to 1 as well
+        share = np.minimum(d2 / _normal(light.radius * light.radius, d2.dtype), 1.0)
+    window = 1.0 - share * share
+    return np.asarray(window * window / bounded)
+
+
+def spot_cone(light: SpotLight) -> Cone:
+    """Scale and offset that turn the cosine to a spot light's axis into its falloff.
+
+    Parameters
+    ----------
+    light : SpotLight
+        Gives the half angles.
+
+    Returns
+    -------
+    (float, float)
+        scale = 1/(cos inner − cos outer), offset = −cos outer·scale.
+
+    Examples
+    --------
+    >>> spot_cone(SpotLight(position=(0, 0, 0), intensity=(1, 1, 1), inner_angle=0, outer_angle=60))
+    (2.0000000000000004, -1.0000000000000004)
+    """
+    outer, inner = math.radians(light.outer_angle), math.radians(light.inner_angle)
+    # cos a − cos b as a product: the difference itself has no digits left for narrow cones.
+    scale = 1.0 / (2.0 * math.sin((outer + inner) / 2.0) * math.sin((outer - inner) / 2.0))
+    return scale, -math.cos(outer) * scale
+
+
+def cone_attenuation(cos_axis: Field, light: SpotLight) -> Field:
+    """The factor of a spot light's cone.
+
+    Parameters
+    ----------
+    cos_axis : ndarray
+        Cosine of the angle between the light's axis and the direction from the light to the point.
+    light : SpotLight
+        Gives the half angles.
+
+    Returns
+    -------
+    ndarray, shape of ``cos_axis``
+        1 within the inner angle, 0 outside the outer.
+
+    Notes
+    -----
+    sat(cos·scale + offset)² [Dörries 2020, listing 3.7 leaves the function open].
+
+    Examples
+    --------
+    >>> lamp = SpotLight(position=(0, 0, 0), intensity=(1, 1, 1), inner_angle=0, outer_angle=60)
+    >>> cone_attenuation(np.array([1.0, 0.75, 0.25]), lamp).round(12)
+    array([1.  , 0.25, 0.  ])
+    """
+    scale, offset = spot_cone(light)
+    part = np.clip(cos_axis * scale + offset, 0.0, 1.0)
+    return np.asarray(part * part)
+
+
+def light_at(light: Light, points: Points, *, attenuation: str = "min_distance") -> tuple[Points, Field]:
+    """Direction to a light, and the factor on its `colour`, at points.
+
+    Parameters
+    ----------
+    light : Light
+        Any light.
+    points : Points
+        World positions [m], three arrays that broadcast together.
+    attenuation : {"min_distance", "inverse_radius"}
+        Lower bound on d²; see `smallest_d2`.
+
+    Returns
+    -------
+    L : Points
+        Unit vectors from the points to the light; three arrays of length-1 axes for a directional light.
+        At the light itself (0, 0, 0): no direction is right there.
+    factor : ndarray
+        1 (length-1 axes) for a directional light, else [m⁻²]. Finite everywhere.
+
+    Raises
+    ------
+    InputError
+        For an unknown ``attenuation``.
+
+    Notes
+    -----
+    [Dörries 2020, listing 3.7] without colour, phase function and visibility. Distances up to the square
+    root of the largest number of the dtype (1.8e19 m in float32) do not overflow.
+
+    Examples
+    --------
+    >>> lamp = PointLight(position=(0, 2, 0), intensity=(1, 1, 1), falloff="inverse_square")
+    >>> L, factor = light_at(lamp, (np.zeros(1), np.zeros(1), np.zeros(1)))
+    >>> [float(c[0]) for c in L], float(factor[0])
+    ([0.0, 1.0, 0.0], 0.25)
+    """
+    shape = (1,) * max(np.ndim(p) for p in points)
+    dtype = np.result_type(*points)
+    if isinstance(light, DirectionalLight):
+        x, y, z = (np.full(shape, c, dtype) for c in unit(light.direction))
+        return (x, y, z), np.ones(shape, dtype)
+    dx, dy, dz = (position - p for position, p in zip(light.position, points, strict=True))
+    d2 = dx * dx + dy * dy + dz * dz
+    factor = distance_attenuation(d2, light, attenuation=attenuation)
+    # The smallest normal number instead of 0: 0/tiny is the (0, 0, 0) promised above, without a mask.
+    d = np.maximum(np.sqrt(d2), np.finfo(dtype).tiny)
+    L = (dx / d, dy / d, dz / d)
+    if isinstance(light, SpotLight):
+        ax, ay, az = unit(light.direction)
+        factor = factor * cone_attenuation(-(L[0] * ax + L[1] * ay + L[2] * az), light)
+    return L, factor
+
+
+def point_intensity(power: Rgb) -> Rgb:
+    """Radiant intensity of a point light of a given power: Φ/(4π).
+
+    Parameters
+    ----------
+    power : (float, float, float)
+        Φ [W].
+
+    Returns
+    -------
+    (float, float, float)
+        [W sr⁻¹].
+
+    Examples
+    --------
+    >>> point_intensity((4 * math.pi, 0.0, 8 * math.pi))
+    (1.0, 0.0, 2.0)
+    """
+    r, g, b = (c / (4.0 * math.pi) for c in power)
+    return r, g, b
+
+
+def spot_intensity(
+    power: Rgb, inner_angle: float, outer_angle: float, *, convention: str = "solid_angle"
+) -> Rgb:
+    """Radiant intensity on the axis of a spot light of a given power.
+
+    Parameters
+    ----------
+    power : (float, float, float)
+        Φ [W].
+    inner_angle, outer_angle : float
+        Half angles of the cone [degrees].
+    convention : {"solid_angle", "author"}
+        Φ over the cone's effective solid angle, so that the light emits Φ; or Φ/π whatever the cone, as
+        the thesis's own program has it (A6).
+
+    Returns
+    -------
+    (float, float, float)
+        [W sr⁻¹].
+
+    Raises
+    ------
+    InputError
+        For an unknown ``convention``.
+
+    Notes
+    -----
+    ∫ sat(cos·scale + offset)² dω = 2π[(1 − cos inner) + (cos inner − cos outer)/3].
+
+    Examples
+    --------
+    >>> round(spot_intensity((1.0, 1.0, 1.0), 0.0, 60.0)[0] * math.pi, 12)
+    3.0
+    """
+    if convention not in ("solid_angle", "author"):
+        raise InputError("convention", f"is {convention!r}, must be one of solid_angle, author")
+    inner, outer = 1.0 - _cos(inner_angle), 1.0 - _cos(outer_angle)
+    cone = math.pi if convention == "author" else 2.0 * math.pi * (inner + (outer - inner) / 3.0)
+    r, g, b = (c / cone for c in power)
+    return r, g, b
+
+
+def _normal(value: float, dtype: np.dtype[Any]) -> float:
+    """A positive number, moved to the nearest that the dtype holds with all its digits."""
+    limits = np.finfo(dtype)
+    return min(max(value, float(limits.tiny)), float(limits.max))
+
+
+def _cos(degrees: float) -> float:
+    return math.cos(math.radians(degrees))

@@ -1,0 +1,170 @@
+"""Outputs that are whole or not there: written beside their place under another name, then renamed.
+
+Whatever stops a write (an error, a full disk, an interruption) removes what was begun; only a killed
+process or a lost power supply can leave a ``….partial-…`` behind, which nothing takes for an output.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from froxel_ref.records import InputError, shown
+
+__all__ = ["check_file", "check_space", "refusal", "whole_file", "whole_folder"]
+
+
+def refusal(error: OSError | MemoryError, place: str, path: str | os.PathLike[str]) -> InputError:
+    """The one-line fault for an operating-system error about an output.
+
+    Examples
+    --------
+    >>> import errno
+    >>> print(refusal(OSError(errno.ENOSPC, "No space left on device"), "output", "set"))
+    output: 'set' cannot be written: No space left on device
+    """
+    why = "out of memory"
+    if isinstance(error, OSError):
+        why = error.strerror or str(error) or type(error).__name__
+    return InputError(place, f"{shown(os.fspath(path))} cannot be written: {why}")
+
+
+def _partial(target: Path) -> Path:
+    # Same ending, since some writers choose the format by it.
+    return target.with_name(f".{target.stem}.partial-{secrets.token_hex(4)}{target.suffix}")
+
+
+def _resolved(path: Path, place: str) -> Path:
+    """The path with links followed, so that a link to an output stays; its folder must exist."""
+    try:
+        target = path.resolve()
+        if not target.name:
+            raise InputError(place, f"{shown(str(path))} is not a name to write to")
+        if not target.parent.is_dir():
+            missing = "is not a folder" if target.parent.exists() else "does not exist"
+            raise InputError(place, f"{shown(str(path))} cannot be written: its folder {missing}")
+    except (ValueError, RuntimeError) as error:  # a NUL in the path; a loop of links
+        raise InputError(place, f"{shown(str(path))} cannot be written: {error}") from None
+    except OSError as error:
+        raise refusal(error, place, path) from None
+    return target
+
+
+def check_file(path: Path, *, force: bool, place: str = "output") -> Path:
+    """Where a file will really be written.
+
+    Raises
+    ------
+    InputError
+        It exists and ``force`` is not set, is a folder, or its folder does not exist.
+    """
+    target = _resolved(path, place)
+    if target.is_dir():
+        raise InputError(place, f"{shown(str(path))} is a folder, must be a file")
+    if target.exists() and not target.is_file():
+        raise InputError(place, f"{shown(str(path))} is not a regular file")
+    if target.exists() and not force:
+        raise InputError(place, f"{shown(str(path))} exists; give --force to replace it")
+    return target
+
+
+def check_space(folder: Path, needed: int, *, place: str = "output") -> None:
+    """Refuse what the disk cannot hold.
+
+    Raises
+    ------
+    InputError
+        The file system of ``folder`` has fewer than ``needed`` bytes free.
+    """
+    try:
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        raise refusal(error, place, folder) from None
+    if needed > free:
+        room = f"{shown(str(folder))} has {free / 1e6:,.0f} MB free"
+        raise InputError(place, f"needs about {needed / 1e6:,.0f} MB, {room}")
+
+
+@contextmanager
+def whole_file(path: Path, *, force: bool = False, place: str = "output") -> Iterator[Path]:
+    """A temporary name to write a file under; it takes its place when the block ends well.
+
+    Raises
+    ------
+    InputError
+        As `check_file`, and for any operating-system error while writing.
+    """
+    target = check_file(path, force=force, place=place)
+    partial = _partial(target)
+    try:
+        yield partial
+        if not force and target.exists():
+            raise InputError(place, f"{shown(str(path))} exists; give --force to replace it")
+        os.replace(partial, target)
+    except (OSError, MemoryError) as error:
+        raise refusal(error, place, path) from None
+    finally:
+        _remove(partial)
+
+
+@contextmanager
+def whole_folder(path: Path, check: Callable[[Path], None], *, place: str = "output") -> Iterator[Path]:
+    """A temporary folder to write into; it takes its place when the block ends well.
+
+    Parameters
+    ----------
+    path : Path
+        The folder to make.
+    check : callable
+        Called with the folder (links followed) before the first and before the last step; raises where
+        what stands there must not be replaced.
+
+    Raises
+    ------
+    InputError
+        As ``check``, and for any operating-system error while writing.
+    """
+    target = _resolved(path, place)
+    check(target)
+    partial = _partial(target)
+    try:
+        partial.mkdir()
+        yield partial
+        check(target)
+        _take_place(partial, target)
+    except (OSError, MemoryError) as error:
+        raise refusal(error, place, path) from None
+    finally:
+        _remove(partial)
+
+
+def _take_place(partial: Path, target: Path) -> None:
+    """Rename, and put aside what was there until the new one stands."""
+    if not target.exists():
+        partial.rename(target)
+        return
+    old = _partial(target)
+    target.rename(old)
+    try:
+        partial.rename(target)
+    except BaseException:
+        old.rename(target)
+        raise
+    _remove(old)
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or folder of ours, if it is there; a second failure must not hide the first."""
+    try:
+        if path.is_dir():
+            shutil.rmtree(path)
+        elif path.exists():
+            path.unlink()
+    except OSError as error:
+        if error.errno not in (errno.ENOENT, errno.EACCES, errno.EROFS, errno.EIO, errno.EPERM):
+            raise

@@ -1,0 +1,282 @@
+"""Pictures of a frame: a preview of each array, and the contact sheet of all of them.
+
+How values become colours is told in `froxel_ref.display`: radiance is exposed, tone-mapped and
+sRGB-encoded, everything else has its range beside it. A picture whose texels are all alike is a flat
+patch with its value.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from froxel_ref import panels
+from froxel_ref.arrays import Field
+from froxel_ref.display import Bytes, Display, display_for, to_srgb8
+from froxel_ref.panels import AMBER, FAINT, INK, PAPER, View, canvas, write
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+    from froxel_ref.frame import Frame, Planned
+    from froxel_ref.stages import Quantity
+
+__all__ = [
+    "View", "channel_first", "contact_sheet", "final_image", "full_axes", "preview", "to_srgb8", "varying",
+]
+
+PAGE, MARGIN, GAP, HEAD, FOOT = 2400, 48, 24, 30, 54
+HERO = ("apply/radiance", "surface/radiance", "apply/fog_radiance", "apply/fog_transmittance",
+        "surface/depth")
+
+
+# --- axes -------------------------------------------------------------------------------------------
+
+
+def full_axes(array: Field, quantity: Quantity) -> str:
+    """The array's axes: the quantity's, and a channel in front where its extinction is per colour."""
+    return "c" * (array.ndim - len(quantity.axes)) + quantity.axes
+
+
+def varying(array: Field, quantity: Quantity) -> str:
+    """The axes of z, y, x along which the array has more than one entry.
+
+    Examples
+    --------
+    >>> from froxel_ref.stages import QUANTITIES
+    >>> varying(np.zeros((3, 1, 90, 1)), QUANTITIES["media/scattering"])
+    'y'
+    """
+    return "".join(axis for axis, size in zip(full_axes(array, quantity), array.shape, strict=True)
+                   if axis in "zyx" and size > 1)
+
+
+def channel_first(array: Field, quantity: Quantity) -> Field:
+    """The array as (C, ...) with C 1 or 3; the lobes of a mixture are added up."""
+    axes = full_axes(array, quantity)
+    if axes.startswith("l") and len(axes) > 1:
+        array, axes = array.sum(axis=0), axes[1:]
+    return array if axes.startswith("c") else array[None]
+
+
+# --- one array --------------------------------------------------------------------------------------
+
+
+def preview(array: Field, quantity: Quantity, *, name: str, view: View) -> Bytes:
+    """One array as a picture with its name, unit, range and the axes it varies on.
+
+    Parameters
+    ----------
+    array : array
+        A result of `froxel_ref.frame.run_frame`, channel first, with length-1 axes where it is constant.
+    quantity : Quantity
+        What it is.
+    name : str
+        ``stage/quantity``; decides how it is shown (`froxel_ref.display`).
+    view : View
+        Camera, grid and exposure of the frame.
+
+    Returns
+    -------
+    array of uint8, shape (height, width, 3)
+        Images whole; volumes as up to 16 slices, with their depths, and a plan from above, to scale.
+    """
+    values = channel_first(array, quantity)
+    display = display_for(name, values, view.exposure)
+    body = _body(name, values, quantity, display, view, slices=(4, 4), target=240, box=(1280, 960),
+                 width=PAGE)
+    return np.asarray(_framed(body, name, array, quantity, display, min_width=560))
+
+
+def final_image(radiance: Field, view: View) -> Bytes:
+    """The final radiance as an 8-bit sRGB image of the camera's size.
+
+    Parameters
+    ----------
+    radiance : array, broadcastable to (3, height, width) [W m⁻² sr⁻¹]
+    view : View
+
+    Returns
+    -------
+    array of uint8, shape (height, width, 3)
+    """
+    whole = np.broadcast_to(radiance, (3, view.camera.height, view.camera.width))
+    return to_srgb8(whole, view.exposure)
+
+
+def _body(name: str, values: Field, quantity: Quantity, display: Display, view: View, *,
+          slices: tuple[int, int], target: int, box: tuple[int, int], width: int) -> Image:
+    """The picture itself, by which of z, y, x the values vary on."""
+    if _equal(values):
+        return panels.swatch(values, display, 300, 84)
+    if _along_one(values):
+        return panels.curve_panel(values, min(560, box[0]), 220, "lobe" if quantity.axes == "l" else "slice")
+    if values.ndim == 3:
+        return panels.image_panel(values, display, view, box[0], box[1], on_grid=quantity.on_grid)
+    strip = panels.slices_panel(values, display, view, slices, at_boundary=name.startswith("integrate/"),
+                                target=target)
+    room = max(280, width - strip.width - GAP)
+    return _beside([strip, panels.plan_panel(values, display, view, room, max(120, min(strip.height, 560)))])
+
+
+def _equal(values: Field) -> bool:
+    """Whether every texel has the same colour, and none is NaN."""
+    first = values.reshape(values.shape[0], *(1,) * (values.ndim - 1), -1)[..., 0]
+    return bool((values == first).all())
+
+
+def _along_one(values: Field) -> bool:
+    """Whether the values are a line: they vary along z alone, or have no other axis."""
+    return values.ndim == 2 or (values.ndim == 4 and values[0].size == values.shape[1] > 1)
+
+
+def _framed(body: Image, name: str, array: Field, quantity: Quantity, display: Display, *,
+            min_width: int = 0) -> Image:
+    """A picture with its name and unit above, its range and axes below."""
+    width = max(body.width, min_width)
+    axes, unit = varying(array, quantity), f"  [{quantity.unit}]" if quantity.unit != "1" else ""
+    carried = f"carries the axes {', '.join(axes)}" if len(axes) > 1 else f"carries {axes or 'no axis'}"
+    picture = canvas(width, body.height + HEAD + FOOT)
+    write(picture, (0, 0), f"{name}{unit}", 20, INK, width)
+    picture.paste(body, (0, HEAD))
+    foot = HEAD + body.height + 4
+    values = channel_first(array, quantity)
+    if not _equal(values):
+        picture.paste(panels.legend(display, width, plain=_along_one(values)), (0, foot))
+        foot += 23
+    write(picture, (0, foot), carried, 16, FAINT, width)
+    return picture
+
+
+def _beside(images: list[Image], gap: int = GAP) -> Image:
+    row = canvas(sum(i.width for i in images) + gap * (len(images) - 1), max(i.height for i in images))
+    x = 0
+    for image in images:
+        row.paste(image, (x, 0))
+        x += image.width + gap
+    return row
+
+
+def _below(images: list[Image], gap: int = GAP) -> Image:
+    column = canvas(max(i.width for i in images), sum(i.height for i in images) + gap * (len(images) - 1))
+    y = 0
+    for image in images:
+        column.paste(image, (0, y))
+        y += image.height + gap
+    return column
+
+
+def _flow(images: list[Image], width: int) -> Image:
+    """Pictures in rows, as many in each as fit."""
+    rows: list[list[Image]] = []
+    for image in images:
+        if rows and sum(i.width + GAP for i in rows[-1]) + image.width <= width:
+            rows[-1].append(image)
+        else:
+            rows.append([image])
+    return _below([_beside(row) for row in rows])
+
+
+# --- the sheet --------------------------------------------------------------------------------------
+
+
+def contact_sheet(frame: Frame) -> Bytes:
+    """All results of a frame on one page.
+
+    Parameters
+    ----------
+    frame : Frame
+        With every result kept (`run_frame` without ``outputs``); missing ones are left out of the page.
+
+    Returns
+    -------
+    array of uint8, shape (height, 2400, 3)
+        The final image with its parts on top, then each stage with slices, ranges, units and axes;
+        stages and parts that were left out stand with their reasons.
+    """
+    view = View(frame.scene.camera, frame.settings.grid, frame.display_exposure)
+    width = PAGE - 2 * MARGIN
+    parts = [_title(frame, width), _hero(frame, view, width)]
+    parts += [_stage(frame, planned, view, width) for planned in frame.plan.stages]
+    body = _below(parts, 34)
+    page = canvas(PAGE, body.height + 2 * MARGIN)
+    page.paste(body, (MARGIN, MARGIN))
+    return np.asarray(page)
+
+
+def _title(frame: Frame, width: int) -> Image:
+    scene, settings, grid = frame.scene, frame.settings, frame.settings.grid
+    image = canvas(width, 122)
+    write(image, (0, 0), scene.name or "unnamed scene", 48, INK, width)
+    write(image, (0, 60), scene.description, 22, FAINT, width)
+    facts = (f"{grid.width} x {grid.height} x {grid.depth} froxels",
+             f"{grid.distribution} slices, {grid.near:g} to {grid.far:g} m",
+             f"{scene.camera.width} x {scene.camera.height} pixels", f"exposure {frame.display_exposure:g}",
+             f"fidelity {settings.fidelity}", f"integrator {settings.integrator}",
+             f"phase function {settings.phase_function}", settings.precision)
+    write(image, (0, 94), "  ·  ".join(facts), 19, FAINT, width)
+    return image
+
+
+def _hero(frame: Frame, view: View, width: int) -> Image:
+    """The final image large; beside it, as tall together, what it is made of."""
+    shown = [name for name in HERO if name in frame.results]
+    if not shown:
+        return canvas(width, 1)
+    aspect = view.camera.width / view.camera.height
+    tall = min(1100, int((width - 2 * GAP) / aspect + GAP + HEAD + FOOT) // 2)
+    short = (tall - GAP - HEAD - FOOT) // 2
+    cells = [_image_cell(frame, name, view, tall if name == HERO[0] else short) for name in shown]
+    pairs = [_below(cells[i:i + 2]) for i in range(1, len(cells), 2)]
+    return _beside([cells[0], *pairs])
+
+
+def _image_cell(frame: Frame, name: str, view: View, height: int) -> Image:
+    from froxel_ref.stages import QUANTITIES
+
+    array, quantity = frame.results[name], QUANTITIES[name]
+    values = channel_first(array, quantity)
+    display = display_for(name, values, view.exposure)
+    if _equal(values):
+        panel = panels.swatch(values, display, round(height * view.camera.width / view.camera.height), height)
+    else:
+        panel = panels.image_panel(values, display, view, 4 * PAGE, height, exact=False)
+    return _framed(panel, name, array, quantity, display)
+
+
+def _stage(frame: Frame, planned: Planned, view: View, width: int) -> Image:
+    """One stage: a heading, what it left out, and its arrays."""
+    heading = canvas(width, 48, PAPER)
+    heading.paste(canvas(width, 1, FAINT), (0, 0))
+    write(heading, (0, 12), planned.name, 28, INK)
+    if planned.runs:
+        write(heading, (160, 19), f"runs: {planned.why}  ·  {planned.stage.about}", 19, FAINT, width - 160)
+    else:
+        words = f"left out: {planned.why}  ·  its neutral values stand below"
+        write(heading, (160, 19), words, 19, AMBER, width - 160)
+    skipped = [f"{part.name} ({part.why})" for part in planned.parts if not part.runs]
+    above = [name for name in planned.stage.writes if name in HERO and name in frame.results]
+    notes = (["left out within it: " + ",  ".join(skipped)] if skipped and planned.runs else []) + (
+        ["on top of the page: " + ", ".join(above)] if above else [])
+    images = [heading]
+    for note in notes:
+        line = canvas(width, 26)
+        write(line, (0, 0), note, 18, FAINT, width)
+        images.append(line)
+    names = [name for name in planned.stage.writes if name in frame.results and name not in HERO]
+    cells = [_cell(frame.results[name], name, view, width) for name in names if frame.results[name].size]
+    rows = [cell for cell in cells if cell.width >= width // 2]
+    small = [cell for cell in cells if cell.width < width // 2]
+    return _below([*images, *rows, *([_flow(small, width)] if small else [])], 16)
+
+
+def _cell(array: Field, name: str, view: View, width: int) -> Image:
+    from froxel_ref.stages import QUANTITIES
+
+    quantity = QUANTITIES[name]
+    values = channel_first(array, quantity)
+    display = display_for(name, values, view.exposure)
+    box = (280, 158) if quantity.on_grid else (640, 360)
+    body = _body(name, values, quantity, display, view, slices=(2, 8), target=180, box=box, width=width)
+    return _framed(body, name, array, quantity, display, min_width=400)

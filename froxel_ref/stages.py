@@ -1,0 +1,395 @@
+"""The stage table: what each stage reads and writes, when a scene needs it, and what it stands for when not.
+
+This is the one list of stages. The frame driver, plans, golden sets, timings and `explain` all read it.
+A stage here only binds named arrays to the plain functions of its module.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from froxel_ref import apply, grid, integrate, lighting, media, surface
+from froxel_ref.arrays import Field, Points
+from froxel_ref.assets import Assets
+from froxel_ref.geometry import Rays, camera_rays
+from froxel_ref.grid import Froxels, make_froxels
+from froxel_ref.media import VBuffer
+from froxel_ref.scene import (
+    DensityTexture, DirectionalLight, HeightFog, LocalMedium, Medium, Scene, Transform, VolumeDensity,
+)
+from froxel_ref.settings import Settings
+
+__all__ = ["FINAL", "QUANTITIES", "STAGES", "Job", "Part", "Quantity", "Stage", "forced"]
+
+FINAL = "apply/radiance"
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a result is: its full axes (channel first, as computed), its unit, and a sentence."""
+
+    axes: str
+    unit: str
+    about: str
+    on_grid: bool = False
+
+    @property
+    def gpu_axes(self) -> str:
+        """The axes as exported: channel last."""
+        return self.axes.replace("c", "") + "c" * self.axes.count("c")
+
+
+RADIANCE, PER_METRE = "W m^-2 sr^-1", "W m^-3 sr^-1"
+QUANTITIES: dict[str, Quantity] = {
+    "grid/slice_depth": Quantity("z", "m", "view depth of each slice's far boundary"),
+    "surface/depth": Quantity("yx", "m", "view depth of the nearest surface, infinite where there is none"),
+    "surface/normal": Quantity("cyx", "1", "unit normal of that surface in world space, towards the camera"),
+    "surface/albedo": Quantity("cyx", "1", "Lambert reflectance of that surface"),
+    "surface/radiance": Quantity("cyx", RADIANCE, "radiance that leaves the surface, or the background"),
+    "media/scattering": Quantity("czyx", "1/m", "scattering coefficient at the froxel's sample"),
+    "media/extinction": Quantity("zyx", "1/m", "extinction coefficient at the froxel's sample"),
+    "media/emission": Quantity("czyx", PER_METRE, "emission at the froxel's sample"),
+    "media/phase_anisotropy": Quantity("zyx", "1", "phase anisotropy g at the froxel's sample"),
+    "media/lobe_scattering": Quantity("lczyx", "1/m", "scattering coefficient of each lobe of an exact mixture"),
+    "media/lobe_anisotropy": Quantity("l", "1", "phase anisotropy g of each lobe of an exact mixture"),
+    "lighting/in_scattering": Quantity("czyx", PER_METRE, "radiance scattered towards the camera per metre"),
+    "integrate/radiance": Quantity("czyx", RADIANCE, "fog's radiance up to the slice's far boundary"),
+    "integrate/transmittance": Quantity("zyx", "1", "transmittance up to the slice's far boundary"),
+    "integrate/front_radiance": Quantity("cyx", RADIANCE, "fog's radiance up to the near boundary", on_grid=True),
+    "integrate/front_transmittance": Quantity("yx", "1", "transmittance up to the near boundary", on_grid=True),
+    "apply/fog_radiance": Quantity("cyx", RADIANCE, "fog's radiance in front of each pixel's surface"),
+    "apply/fog_transmittance": Quantity("yx", "1", "transmittance in front of each pixel's surface"),
+    FINAL: Quantity("cyx", RADIANCE, "the final image: surface times transmittance, plus fog"),
+}
+
+
+@dataclass(frozen=True)
+class Job:
+    """What every stage may look at: the scene, the settings, the files' arrays, and how to run."""
+
+    scene: Scene
+    settings: Settings
+    assets: Assets
+    threads: int | None = None
+    full: bool = False
+
+    @property
+    def dtype(self) -> np.dtype[np.floating]:
+        """Type of the arithmetic."""
+        return np.dtype(self.settings.precision)
+
+    @cached_property
+    def froxels(self) -> Froxels:
+        """The froxel grid of this camera."""
+        froxels = make_froxels(self.scene.camera, self.settings.grid, dtype=self.dtype)
+        return froxels._replace(rays=_whole(froxels.rays)) if self.full else froxels
+
+    @cached_property
+    def image_rays(self) -> Rays:
+        """The rays through the image's pixel centres."""
+        camera = self.scene.camera
+        rays = camera_rays(camera, camera.width, camera.height, dtype=self.dtype)
+        return _whole(rays) if self.full else rays
+
+
+@dataclass(frozen=True)
+class Part:
+    """A piece of a stage that a scene may not need."""
+
+    name: str
+    runs: bool
+    why: str
+
+
+Results = Mapping[str, Field]
+Need = tuple[bool, str]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage: its data flow, when it is needed, what stands for it when not, and how it runs."""
+
+    name: str
+    about: str
+    reads: tuple[str, ...]
+    writes: tuple[str, ...]
+    needed: Callable[[Scene, Settings], Need]
+    neutral: Callable[[Job], dict[str, Field]]
+    run: Callable[[Job, Results], dict[str, Field]]
+    parts: Callable[[Scene, Settings], tuple[Part, ...]] = lambda scene, settings: ()
+
+
+def _whole(rays: Rays) -> Rays:
+    shape = rays.length.shape
+    x, y, z = (np.ascontiguousarray(np.broadcast_to(component, shape)) for component in rays.per_depth)
+    return rays._replace(per_depth=(x, y, z))
+
+
+def _constant(job: Job, axes: str, value: float | tuple[float, float, float]) -> Field:
+    return np.reshape(np.asarray(value, job.dtype), ((-1,) if "c" in axes else ()) + (1,) * len(axes.replace("c", "")))
+
+
+def _some(items: object, yes: str, no: str) -> Need:
+    return (True, yes) if items else (False, no)
+
+
+def _count(number: int, thing: str, things: str = "") -> str:
+    return f"{number} {thing if number == 1 else things or thing + 's'}"
+
+
+# --- grid -------------------------------------------------------------------------------------------
+
+
+def _run_grid(job: Job, results: Results) -> dict[str, Field]:
+    return {"grid/slice_depth": job.froxels.boundaries[1:, 0, 0]}
+
+
+# --- surface ----------------------------------------------------------------------------------------
+
+
+def _needs_surface(scene: Scene, settings: Settings) -> Need:
+    if scene.image_buffers is not None:
+        return True, "the scene brings its own depth buffer"
+    return _some(scene.surfaces, _count(len(scene.surfaces), "surface"), "the scene has no surfaces")
+
+
+def _neutral_surface(job: Job) -> dict[str, Field]:
+    return {"surface/depth": _constant(job, "yx", np.inf), "surface/normal": _constant(job, "cyx", (0.0,) * 3),
+            "surface/albedo": _constant(job, "cyx", (0.0,) * 3),
+            "surface/radiance": _constant(job, "cyx", job.scene.background)}
+
+
+def _run_surface(job: Job, results: Results) -> dict[str, Field]:
+    if job.scene.image_buffers is not None:
+        hits, radiance = surface.imported(job.assets, job.scene, dtype=job.dtype)
+    else:
+        hits = surface.find_surfaces(job.scene.surfaces, job.image_rays, job.assets, threads=job.threads)
+        radiance = surface.shade(hits, job.image_rays, job.scene, attenuation=job.settings.attenuation,
+                                 visibility=_unshadowed(job), threads=job.threads)
+    return {"surface/depth": hits.depth, "surface/normal": hits.normal, "surface/albedo": hits.albedo,
+            "surface/radiance": radiance}
+
+
+# --- media ------------------------------------------------------------------------------------------
+
+
+def _media(scene: Scene) -> tuple[Medium, ...]:
+    return media.contributing(scene.global_media + scene.local_media)
+
+
+def _needs_media(scene: Scene, settings: Settings) -> Need:
+    return _some(_media(scene), _count(len(_media(scene)), "medium", "media"),
+                 "the scene has no medium with extinction or emission")
+
+
+def _media_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
+    found = _media(scene)
+    local = [medium for medium in found if isinstance(medium, LocalMedium)]
+    everywhere = len(found) - len(local)
+    fog = sum(medium.height_fog is not None for medium in found)
+    textures = sum(medium.density is not None for medium in found)
+    return (
+        Part("global media", *_some(everywhere, _count(everywhere, "medium", "media"), "the scene has none")),
+        Part("local media", *_some(local, _count(len(local), "medium", "media"), "the scene has none")),
+        Part("height fog", *_some(fog, f"in {_count(fog, 'medium', 'media')}", "no medium has it")),
+        Part("density textures", *_some(textures, f"in {_count(textures, 'medium', 'media')}", "no medium has one")),
+    )
+
+
+def _neutral_media(job: Job) -> dict[str, Field]:
+    return {"media/scattering": _constant(job, "czyx", (0.0,) * 3), "media/extinction": _constant(job, "zyx", 0.0),
+            "media/emission": _constant(job, "czyx", (0.0,) * 3),
+            "media/phase_anisotropy": _constant(job, "zyx", 0.0)} | _lobes((), job.dtype)
+
+
+def _lobes(lobes: tuple[tuple[Field, float], ...], dtype: np.dtype[np.floating]) -> dict[str, Field]:
+    anisotropy = np.array([g for _, g in lobes], dtype)
+    if not lobes:
+        return {"media/lobe_scattering": np.zeros((0, 3, 1, 1, 1), dtype), "media/lobe_anisotropy": anisotropy}
+    shape = np.broadcast_shapes(*(scattering.shape for scattering, _ in lobes))
+    stacked = np.stack([np.broadcast_to(scattering, shape) for scattering, _ in lobes])
+    return {"media/lobe_scattering": stacked, "media/lobe_anisotropy": anisotropy}
+
+
+def _run_media(job: Job, results: Results) -> dict[str, Field]:
+    buffer = media.voxelise(job.scene, job.froxels, job.assets.textures, job.settings, threads=job.threads,
+                            restrict=not job.full)
+    fields = {"media/scattering": buffer.scattering, "media/extinction": buffer.extinction,
+              "media/emission": buffer.emission, "media/phase_anisotropy": buffer.phase_anisotropy}
+    if job.full:
+        shape = (job.settings.grid.depth, job.settings.grid.height, job.settings.grid.width)
+        fields = {name: np.ascontiguousarray(np.broadcast_to(field, field.shape[:-3] + shape))
+                  for name, field in fields.items()}
+    return fields | _lobes(buffer.lobes, job.dtype)
+
+
+# --- shadow -----------------------------------------------------------------------------------------
+
+
+def _needs_shadow(scene: Scene, settings: Settings) -> Need:
+    if not scene.surfaces:
+        return False, "the scene has nothing that casts a shadow"
+    return False, "settings.shadows is off"
+
+
+def _unshadowed(job: Job) -> Callable[[int, Points], Field] | None:
+    """No visibility at all where nothing casts; an explicit 1 for every point where all is forced."""
+    if not job.full:
+        return None
+    return lambda light, points: np.ones(np.broadcast_shapes(*(p.shape for p in points)), job.dtype)
+
+
+# --- lighting ---------------------------------------------------------------------------------------
+
+
+def _sources(scene: Scene, settings: Settings) -> list[str]:
+    emits = any(any(medium.emissive) for medium in _media(scene))
+    found = {"lights": bool(scene.all_lights), "ambient": any(scene.ambient) or settings.ambient == "constant",
+             "emission": emits}
+    return [name for name, there in found.items() if there]
+
+
+def _needs_lighting(scene: Scene, settings: Settings) -> Need:
+    if not _media(scene):
+        return False, "there is no medium to scatter light"
+    sources = _sources(scene, settings)
+    return _some(sources, "the medium receives or emits light: " + ", ".join(sources),
+                 "no lights, no ambient light and no emission")
+
+
+def _lighting_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
+    suns = sum(isinstance(light, DirectionalLight) for light in scene.all_lights)
+    local, sources = len(scene.all_lights) - suns, _sources(scene, settings)
+    casts, why = _needs_shadow(scene, settings)
+    return (
+        Part("directional lights", *_some(suns, _count(suns, "light"), "the scene has none")),
+        Part("point and spot lights", *_some(local, _count(local, "light"), "the scene has none")),
+        Part("shadows", casts, why),
+        Part("ambient light", *_some("ambient" in sources, "the scene has it", "the scene's is black")),
+        Part("emission", *_some("emission" in sources, "a medium emits", "no medium emits")),
+    )
+
+
+def _v_buffer(results: Results) -> VBuffer:
+    lobes = zip(results["media/lobe_scattering"], results["media/lobe_anisotropy"], strict=True)
+    return VBuffer(results["media/scattering"], results["media/extinction"], results["media/emission"],
+                   results["media/phase_anisotropy"], tuple((s, float(g)) for s, g in lobes))
+
+
+def _run_lighting(job: Job, results: Results) -> dict[str, Field]:
+    settings, scene = job.settings, job.scene
+    light = lighting.in_scattering(
+        _v_buffer(results), scene.all_lights, job.froxels, ambient=scene.ambient,
+        phase_function=settings.phase_function, second_lobe=settings.second_lobe, emission=settings.emission,
+        attenuation=settings.attenuation, ambient_term=settings.ambient, visibility=_unshadowed(job),
+        exposure=scene.camera.exposure if settings.exposure == "lighting" else 1.0, threads=job.threads)
+    return {"lighting/in_scattering": light}
+
+
+# --- integrate --------------------------------------------------------------------------------------
+
+
+def _neutral_integrate(job: Job) -> dict[str, Field]:
+    return {"integrate/radiance": _constant(job, "czyx", (0.0,) * 3),
+            "integrate/transmittance": _constant(job, "zyx", 1.0),
+            "integrate/front_radiance": _constant(job, "cyx", (0.0,) * 3),
+            "integrate/front_transmittance": _constant(job, "yx", 1.0)}
+
+
+def _run_integrate(job: Job, results: Results) -> dict[str, Field]:
+    step, length = grid.step_lengths(job.froxels)
+    whole = integrate.integrate(
+        results["lighting/in_scattering"], results["media/extinction"], step, length,
+        near=job.settings.grid.near, integrator=job.settings.integrator,
+        integrate_from=job.settings.integrate_from, threads=job.threads)
+    return {f"integrate/{name}": field for name, field in whole._asdict().items()}
+
+
+# --- apply ------------------------------------------------------------------------------------------
+
+
+def _apply_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
+    fog = bool(_media(scene))
+    return (Part("fog lookup", fog, "at each pixel's depth" if fog else "the scene has no fog to look up"),
+            Part("surface", *_needs_surface(scene, settings)))
+
+
+def _run_apply(job: Job, results: Results) -> dict[str, Field]:
+    radiance = results["surface/radiance"]
+    if job.settings.exposure == "lighting":
+        radiance = radiance * job.dtype.type(job.scene.camera.exposure)
+    if not (_media(job.scene) or job.full):
+        return {"apply/fog_radiance": _constant(job, "cyx", (0.0,) * 3),
+                "apply/fog_transmittance": _constant(job, "yx", 1.0), FINAL: radiance}
+    integrated = integrate.Integrated(*(results[f"integrate/{name}"] for name in integrate.Integrated._fields))
+    camera = job.scene.camera
+    depth = results["surface/depth"]
+    if depth.size == 1:
+        depth = np.broadcast_to(depth, (camera.height, camera.width))
+    fog, transmittance = apply.lookup_fog(integrated, job.settings.grid, depth,
+                                          lookup=job.settings.lookup, threads=job.threads)
+    return {"apply/fog_radiance": fog, "apply/fog_transmittance": transmittance,
+            FINAL: apply.composite(radiance, fog, transmittance)}
+
+
+# --- the table --------------------------------------------------------------------------------------
+
+_MEDIA = ("media/scattering", "media/extinction", "media/emission", "media/phase_anisotropy",
+          "media/lobe_scattering", "media/lobe_anisotropy")
+_SURFACE = ("surface/depth", "surface/normal", "surface/albedo", "surface/radiance")
+_INTEGRATED = tuple(f"integrate/{name}" for name in integrate.Integrated._fields)
+
+
+def _always(scene: Scene, settings: Settings) -> Need:
+    return True, "asked for"
+
+
+STAGES: tuple[Stage, ...] = (
+    Stage("grid", "froxels: slices of view depth", (), ("grid/slice_depth",),
+          _needs_media, lambda job: {"grid/slice_depth": job.froxels.boundaries[1:, 0, 0]}, _run_grid),
+    Stage("surface", "the nearest opaque surface and its Lambert shading", (), _SURFACE,
+          _needs_surface, _neutral_surface, _run_surface),
+    Stage("media", "the V-Buffer: material of the media at each froxel", (), _MEDIA,
+          _needs_media, _neutral_media, _run_media, _media_parts),
+    Stage("lighting", "light scattered towards the camera at each froxel", _MEDIA, ("lighting/in_scattering",),
+          _needs_lighting, lambda job: {"lighting/in_scattering": _constant(job, "czyx", (0.0,) * 3)},
+          _run_lighting, _lighting_parts),
+    Stage("integrate", "radiance and transmittance from the camera to each slice",
+          ("lighting/in_scattering", "media/extinction"), _INTEGRATED, _needs_media, _neutral_integrate, _run_integrate),
+    Stage("apply", "the fog looked up at each pixel's depth, over the surface", _SURFACE + _INTEGRATED,
+          ("apply/fog_radiance", "apply/fog_transmittance", FINAL), _always, lambda job: {}, _run_apply, _apply_parts),
+)
+
+
+# --- everything forced on ---------------------------------------------------------------------------
+
+# A texture of ones, so that fetching it changes nothing. No scene can name it: an empty path is no file.
+_ONES = VolumeDensity(path="")
+
+
+def forced(job: Job) -> Job:
+    """The same job with every part of every stage switched on at its neutral value.
+
+    Media without height fog get a falloff of 0, media without a texture one of ones; a scene without local
+    media gets an empty one, and one without an unbounded medium likewise. Each is an exact 0 or 1 in the
+    arithmetic, so the frame must come out the same bit for bit.
+    """
+    scene = job.scene
+    local = scene.local_media or (LocalMedium(extinction=0.0, transform=Transform(translate=(1e6, 1e6, 1e6))),)
+    everywhere = scene.global_media or (Medium(extinction=0.0),)
+    if not scene.global_media and job.settings.phase_mixing == "mean":
+        everywhere = ()  # a plain mean of g counts media that are not there: this part has no neutral value
+    scene = dataclasses.replace(scene, local_media=tuple(map(_with_all_parts, local)),
+                                global_media=tuple(map(_with_all_parts, everywhere)))
+    textures = dict(job.assets.textures) | {_ONES: np.ones((2, 2, 2))}
+    return dataclasses.replace(job, scene=scene, assets=job.assets._replace(textures=textures))
+
+
+def _with_all_parts(medium: Medium) -> Medium:
+    return dataclasses.replace(medium, height_fog=medium.height_fog or HeightFog(falloff=0.0),
+                               density=medium.density or DensityTexture(source=_ONES))
