@@ -378,9 +378,7 @@ def read_mesh(path: Path, *, place: str = "") -> Triangles:
         data = file.read()
     if path.suffix.lower() == ".obj":
         _check_obj(data, name, place)
-    mesh = _parse_mesh(data, path.suffix.lower()[1:], name, place)
-    vertices = np.array(getattr(mesh, "vertices", ()), np.float64).reshape(-1, 3)
-    faces = np.array(getattr(mesh, "faces", ()), np.int64).reshape(-1, 3)
+    vertices, faces = _parse_mesh(data, path.suffix.lower()[1:], name, place)
     if not len(faces):
         raise InputError(place, f"{name} holds no triangle")
     if faces.min() < 0 or faces.max() >= len(vertices):
@@ -402,7 +400,7 @@ def _check_obj(data: bytes, name: str, place: str) -> None:
         raise InputError(place, f"{name} has a face with vertex {wrong}, must be 1 to {count}")
 
 
-def _parse_mesh(data: bytes, file_type: str, name: str, place: str) -> Any:
+def _parse_mesh(data: bytes, file_type: str, name: str, place: str) -> Triangles:
     with _quiet("trimesh"):
         try:
             import trimesh
@@ -410,8 +408,10 @@ def _parse_mesh(data: bytes, file_type: str, name: str, place: str) -> Any:
             raise InputError(place, f"{name} is a mesh, which needs trimesh: {MESH_INSTALL}") from None
         try:
             with io.BytesIO(data) as file:
-                return trimesh.load(file, file_type=file_type, force="mesh", process=False, resolver=None,
+                mesh = trimesh.load(file, file_type=file_type, force="mesh", process=False, resolver=None,
                                     skip_materials=True)
+            return (np.array(getattr(mesh, "vertices", ()), np.float64).reshape(-1, 3),
+                    np.array(getattr(mesh, "faces", ()), np.int64).reshape(-1, 3))
         except Exception as error:  # the parsers raise whatever a broken file makes them raise
             reason = str(error).strip().split("\n")[0][:80] or type(error).__name__
             raise InputError(place, f"{name} cannot be read as .{file_type}: {reason}") from None

@@ -56,8 +56,8 @@ class LightRays(NamedTuple):
 
     Attributes
     ----------
-    index : int
-        In the scene's lights.
+    number : int
+        Its index in the scene's lights.
     unit : float [m]
         What lengths are measured in.
     windowed : bool
@@ -78,7 +78,7 @@ class LightRays(NamedTuple):
         The lower bound on d², in units².
     """
 
-    index: int
+    number: int
     unit: float
     windowed: bool
     intensity: NDArray[np.float64]
@@ -124,7 +124,7 @@ def light_rays(lights: Mapping[int, PointLight], froxels: Froxels, *, attenuatio
     >>> froxels = make_froxels(Camera(), Grid(width=3, height=3, depth=4))
     >>> lamp = PointLight(position=(0.0, 1.7, -6.0), intensity=(9.0, 9.0, 9.0), radius=3.0)
     >>> [rays] = light_rays({5: lamp}, froxels)
-    >>> float(rays.nearest[1, 1]), float(rays.across2[1, 1]), float(rays.intensity[0])
+    >>> float(rays.nearest[0, 0]), float(rays.across2[0, 0]), float(rays.intensity[0])
     (2.0, 1e-24, 1.0)
     """
     boxes = _reached(list(lights.values()), froxels, restrict)
@@ -185,10 +185,11 @@ def _relate(index: int, light: PointLight, boxes: Boxes, froxels: Froxels, rays:
         slope = (ax * px + ay * py + az * pz) * per_length
         cone = Cone(slope.astype(dtype), (b * slope - (ax * qx + ay * qy + az * qz)).astype(dtype), offset)
     smallest = smallest_d2(light, attenuation)
-    close = np.tile(np.array([top, bottom, left, right]), (boxes.shape[0], 1))
-    if restrict:
-        near = float(h2.min()) * size * size <= 2.0 * smallest
-        close = slice_boxes(froxels, [light.position], [math.sqrt(smallest)])[0] if near else np.zeros_like(boxes)
+    close = boxes
+    if restrict and float(h2.min()) * size * size > 2.0 * smallest:
+        close = np.zeros_like(boxes)
+    elif restrict:
+        close = slice_boxes(froxels, [light.position], [math.sqrt(smallest)])[0]
     return LightRays(index, size, windowed, colour(light) / size / size, (top, left), b.astype(dtype),
                      np.broadcast_to(h2.astype(dtype), shape), cone, boxes, close, smallest / size / size)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import unicodedata
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -36,6 +37,7 @@ class View(NamedTuple):
     exposure: float = 1.0
 
 
+@lru_cache
 def font(size: int) -> Any:
     """Pillow's own typeface: the same on every machine."""
     from PIL import ImageFont
@@ -111,7 +113,7 @@ def swatch(values: Field, display: Display, width: int, height: int) -> Image:
     red, green, blue = display.paint(values)[0].tolist()
     colour = (red, green, blue) if display.kind in ("radiance", "reflectance", "normal", "unit") else PANEL
     image = canvas(width, height, colour)
-    ink = (20, 20, 20) if sum(colour) > 380 else INK
+    ink = (20, 20, 20) if sum(colour) > 450 else INK
     write(image, (width / 2, height / 2 - 12), flat(values), 18, ink, width - 8, "mm")
     write(image, (width / 2, height / 2 + 12), "everywhere", 15, ink, width - 8, "mm")
     return image
@@ -195,7 +197,7 @@ def plan_panel(values: Field, display: Display, view: View, width: int, height: 
     camera, grid = view.camera, view.grid
     half_width = math.tan(math.radians(camera.vertical_fov) / 2.0) * camera.width / camera.height
     metres = max(grid.far / height, 2.0 * half_width * grid.far / width)  # per pixel
-    tall, wide = max(1, int(grid.far / metres)), max(1, int(2.0 * half_width * grid.far / metres))
+    tall, wide = max(1, round(grid.far / metres)), max(1, round(2.0 * half_width * grid.far / metres))
     z = grid.far - (np.arange(tall)[:, None] + 0.5) * metres
     x = (np.arange(wide)[None, :] + 0.5 - wide / 2.0) * metres
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -86,7 +86,10 @@ def preview(array: Field, quantity: Quantity, *, name: str, view: View) -> Bytes
     display = display_for(name, values, view.exposure)
     body = _body(name, values, quantity, display, view, slices=(4, 4), target=240, box=(1280, 960),
                  width=PAGE)
-    return np.asarray(_framed(body, name, array, quantity, display, min_width=560))
+    framed = _framed(body, name, array, quantity, display, min_width=560)
+    page = canvas(framed.width + 2 * GAP, framed.height + 2 * GAP)
+    page.paste(framed, (GAP, GAP))
+    return np.asarray(page)
 
 
 def final_image(radiance: Field, view: View) -> Bytes:

@@ -13,7 +13,8 @@ def data_file(name: str) -> Path:
 
     Looked for in the folder that FROXEL_REF_DATA names, else in ``../shared/data`` beside the repository.
     """
-    folder = Path(os.environ.get("FROXEL_REF_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
+    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
+    folder = Path(os.environ.get("FROXEL_REF_DATA") or beside)
     path = folder / name
     if not path.is_file():
         pytest.skip(f"{name} is not in {folder}; FROXEL_REF_DATA names another folder")

@@ -105,11 +105,19 @@ def sphere_hit(origin, direction, center, radius):
         a, b, k = dot(d, d), 2 * dot(q, d), dot(q, q) - mpmath.mpf(radius)**2
         discriminant = b * b - 4 * a * k
         if discriminant < 0:
-            return None, float(mpmath.sqrt(dot(q, q) - dot(q, d)**2 / a) - radius)
+            return None, distance_to_ray(origin, direction, center) - float(radius)
         root = mpmath.sqrt(discriminant)
         roots = [(-b - root) / (2 * a), (-b + root) / (2 * a)]
         positive = [t for t in roots if t > 0]
         return (positive[0] if positive else None), 0.0
+
+
+def distance_to_ray(origin, direction, point):
+    """How near a whole line passes to a point, in 60 digits."""
+    with mpmath.workdps(60):
+        o, d, p = ([mpmath.mpf(float(x)) for x in v] for v in (origin, direction, point))
+        q = subtract(p, o)
+        return float(mpmath.sqrt(dot(q, q) - dot(q, d)**2 / dot(d, d)))
 
 
 def triangle_hit(origin, direction, corners):
@@ -143,6 +151,16 @@ def height_field_triangles(world_from_local, heights):
         result.append((place(i, j), place(i + 1, j), place(i + 1, j + 1)))
         result.append((place(i, j), place(i + 1, j + 1), place(i, j + 1)))
     return result
+
+
+def plain(light):
+    """A light record as a dict of what `lambert` reads."""
+    values = {"kind": light.kind, "direction": getattr(light, "direction", None)}
+    if light.kind == "directional":
+        return values | {"colour": light.irradiance}
+    values |= {"colour": light.intensity, "position": light.position, "radius": light.radius,
+               "min_distance": light.min_distance, "windowed": light.falloff == "windowed"}
+    return values | ({"inner": light.inner_angle, "outer": light.outer_angle} if light.kind == "spot" else {})
 
 
 def lambert(point, normal, albedo, lights, ambient):

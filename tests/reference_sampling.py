@@ -6,8 +6,9 @@ import math
 from fractions import Fraction
 
 
-def weights(coordinate: float, count: int, address: str, weight_bits: int | None = None) -> dict[int, Fraction]:
-    """Weight of each texel: hats max(0, 1 − |x − centre|) of an endless row of texels, folded back into it."""
+def weights(coordinate: float, count: int, address: str,
+            weight_bits: int | None = None) -> dict[int, Fraction]:
+    """Weight of each texel: hats max(0, 1 − |x − centre|) of an endless row of texels, folded back."""
     x = Fraction(coordinate)
     result: dict[int, Fraction] = {}
     middle = math.floor(x)

@@ -78,7 +78,8 @@ def test_every_kind_is_there(folder: Path) -> None:
     seeded, volume = NoiseDensity(size=4, cells=2), VolumeDensity(path="density.npy", multiplier=2.0)
     folds, heights, mesh = Folds(size=9), HeightsFile(path="heights.npy"), Mesh(path="sub/square.obj")
     scene = Scene(global_media=(Medium(), Medium(density=DensityTexture(source=seeded))),
-                  local_media=media(volume), surfaces=(HeightField(heights=folds), HeightField(heights=heights), mesh))
+                  local_media=media(volume),
+                  surfaces=(HeightField(heights=folds), HeightField(heights=heights), mesh))
     got = load_assets(scene, folder)
     assert set(got.textures) == {volume, seeded}
     assert got.textures[volume].tolist() == (2.0 * DENSITY).tolist()
@@ -142,7 +143,7 @@ def test_only_what_is_asked_for_is_read() -> None:
     assert got == Assets({}, got.heights, {}, None, None)
     assert len(got.heights) == 1
     assert load_assets(buffers(), None, only=()) == Assets({}, {}, {}, None, None)
-    with pytest.raises(ValueError, match="must be some of textures, heights, meshes, depth, radiance"):
+    with pytest.raises(ValueError, match="must be some of textures, heights"):
         load_assets(scene, None, only=("mesh",))
 
 
@@ -277,7 +278,7 @@ def test_bad_images(folder: Path, name: str, array: np.ndarray, words: str) -> N
 
 def test_other_extensions_are_refused(folder: Path) -> None:
     (folder / "depth.exr").write_bytes(b"v/1\x01")
-    with pytest.raises(InputError, match="is not a .npy file"):
+    with pytest.raises(InputError, match=r"is not a \.npy file"):
         load_assets(buffers(depth="depth.exr"), folder)
 
 
@@ -373,7 +374,8 @@ def test_a_mesh_opens_no_other_file(folder: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_without_trimesh_the_install_command_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "trimesh", None)
-    with pytest.raises(InputError, match=r"needs trimesh: python -m pip install 'froxel-ref\[mesh\]'") as fault:
+    command = r"python -m pip install 'froxel-ref\[mesh\]'"
+    with pytest.raises(InputError, match="needs trimesh: " + command) as fault:
         load_assets(with_mesh("sub/square.obj"), folder)
     assert fault.value.place == "surfaces[1].path"
 

@@ -239,7 +239,8 @@ def test_single_texels_leave_their_axis_out(shape: tuple[int, ...], wanted: tupl
 
 
 @pytest.mark.parametrize(("texture", "coordinate", "wanted"), [
-    (np.float32, np.float32, np.float32), (np.float64, np.float64, np.float64), (np.float32, float, np.float32),
+    (np.float32, np.float32, np.float32), (np.float64, np.float64, np.float64),
+    (np.float32, float, np.float32),
     (np.float32, np.float64, np.float64), (np.uint8, np.float32, np.float32), (np.uint8, float, np.float64)])
 def test_dtype_follows_the_arrays(texture: type, coordinate: type, wanted: type) -> None:
     x = 1.0 if coordinate is float else np.array([1.0], coordinate)

@@ -114,6 +114,8 @@ NAN, INF = float("nan"), float("inf")
      "global_media[0].density.source.dtype: is missing beside shape, raw files need both"),
     ({"local_media": [{"transform": {"scale": [1, 0, 1]}}]},
      "local_media[0].transform.scale: makes the transform singular, must span all three axes"),
+    ({"local_media": [{"transform": {"scale": [1, 1e-9, 1], "rotate": [10, 20, 30]}}]},
+     "local_media[0].transform.scale: makes the transform singular, must span all three axes"),
     ({"local_media": [{"transform": {"scale": [0, 0, 0]}}]},
      "local_media[0].transform.scale: makes the transform singular, must span all three axes"),
     ({"local_media": [{"transform": {"scale": [1e300, 1, 1]}}]},

@@ -238,7 +238,7 @@ def test_a_document_that_says_something_else_is_refused(tmp_path: Path, text: st
     ("scene.lights[2].radius=8", lambda s, _: s.lights[2].radius, 8),
     ("lights[2].radius = 8", lambda s, _: s.lights[2].radius, 8),
     ("camera.position=[0, 1, 2]", lambda s, _: s.camera.position, (0, 1, 2)),
-    ("camera.position[1]=5", lambda s, _: s.camera.position, (0.8, 5, 2)),
+    ("camera.position[1]=5", lambda s, _: s.camera.position[1], 5),
     ("global_media[0].extinction=[0.1, 0.2, 0.3]", lambda s, _: s.global_media[0].extinction,
      (0.1, 0.2, 0.3)),
     ("settings.grid.depth=32", lambda _, t: t.grid.depth, 32),

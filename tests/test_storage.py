@@ -61,7 +61,8 @@ def stored(values: Any, name: str, rounding: str = "nearest", dtype: Any = np.fl
 
 def same(a: Any, b: Any) -> bool:
     """Equal, the sign of zero and NaN included."""
-    a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    with np.errstate(invalid="ignore"):  # signalling NaNs
+        a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     return bool(np.all((a == b) & (np.signbit(a) == np.signbit(b)) | np.isnan(a) & np.isnan(b)))
 
 
