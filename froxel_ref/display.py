@@ -195,7 +195,7 @@ class Display(NamedTuple):
         low, high, x = self.low, self.high, values
         if self.kind == "depth":
             low, high, x = math.log(self.low), math.log(self.high), np.log(values)
-        position = (x - low) / (high - low) if high > low else np.full_like(x, 0.5)
+        position = (x - low) / (high - low) if high > low else np.where(np.isnan(x), x, 0.5)
         result = ramp_colours(position)
         result[np.isposinf(values)] = NOTHING
         return result

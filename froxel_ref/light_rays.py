@@ -34,6 +34,9 @@ Rect = tuple[slice, slice, slice]
 # undefined, and this makes it a right angle (cos θ = 0) instead of 0/0.
 CLOSEST = 1e-12
 
+# Radii below are taken for it [m], lest positions in units of the radius overflow.
+TINIEST = 1e-100
+
 
 class Cone(NamedTuple):
     """A spot light's cone along each ray: its factor is sat((slope·s + start)/d + offset)².
@@ -127,15 +130,12 @@ def light_rays(lights: Mapping[int, PointLight], froxels: Froxels, *, attenuatio
     >>> float(rays.nearest[0, 0]), float(rays.across2[0, 0]), float(rays.intensity[0])
     (2.0, 1e-24, 1.0)
     """
-    boxes = _reached(list(lights.values()), froxels, restrict)
     px, py, pz = (c.astype(np.float64) for c in froxels.rays.per_depth)
-    length2 = dot((px, py, pz), (px, py, pz))
-    rays = Rays(froxels.rays.origin, (px, py, pz), 1.0 / np.sqrt(length2))
-    found = []
-    for (index, light), box in zip(lights.items(), boxes, strict=True):
-        if box.any():
-            found.append(_relate(index, light, box, froxels, rays, attenuation, restrict))
-    return found
+    rays = Rays(froxels.rays.origin, (px, py, pz), 1.0 / np.sqrt(dot((px, py, pz), (px, py, pz))))
+    with np.errstate(over="ignore"):  # sizes beyond all numbers are cut to the largest one
+        boxes = _reached(list(lights.values()), froxels, restrict)
+        return [_relate(index, light, box, froxels, rays, attenuation, restrict)
+                for (index, light), box in zip(lights.items(), boxes, strict=True) if box.any()]
 
 
 def _reached(lights: list[PointLight], froxels: Froxels, restrict: bool) -> Boxes:
@@ -149,7 +149,9 @@ def _reached(lights: list[PointLight], froxels: Froxels, restrict: bool) -> Boxe
                                      [lights[k].radius for k in bounded])
     for k in bounded:
         light = lights[k]
-        if isinstance(light, SpotLight):
+        # The corners of a pyramid that is wide, or long beyond all measure, say nothing.
+        long = light.radius > 1e3 * float(froxels.depths[-1, 0, 0])
+        if isinstance(light, SpotLight) and light.outer_angle < 80.0 and not long:
             boxes[k] = _cut(boxes[k], _cone_bounds(light, froxels))
         # NumPy's loops run along x: half a row costs as much as the whole.
         if 2 * int(np.max(boxes[k, :, 3] - boxes[k, :, 2])) >= columns:
@@ -171,7 +173,7 @@ def _relate(index: int, light: PointLight, boxes: Boxes, froxels: Froxels, rays:
     windowed = light.falloff == "windowed"
     q = np.subtract(light.position, rays.origin)
     # Without a window any unit does; this one keeps the squares of everything small.
-    size = light.radius if windowed else max(1.0, float(np.hypot.reduce(q)))
+    size = max(light.radius, TINIEST) if windowed else max(1.0, float(np.hypot.reduce(q)))
     qx, qy, qz = (q / size).tolist()
     nx, ny, nz = qy * pz - qz * py, qz * px - qx * pz, qx * py - qy * px
     b = (qx * px + qy * py + qz * pz) * per_length

@@ -91,7 +91,8 @@ def smallest_d2(light: PointLight, attenuation: str = "min_distance") -> float:
     """
     if attenuation not in ATTENUATIONS:
         raise InputError("attenuation", f"is {attenuation!r}, must be one of {', '.join(ATTENUATIONS)}")
-    return (light.min_distance if attenuation == "min_distance" else 1.0 / light.radius) ** 2
+    bound = light.min_distance if attenuation == "min_distance" else 1.0 / light.radius
+    return bound * bound  # not **, which raises where this is infinite
 
 
 def distance_attenuation(d2: Field, light: PointLight, *, attenuation: str = "min_distance") -> Field:

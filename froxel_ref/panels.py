@@ -206,7 +206,7 @@ def plan_panel(values: Field, display: Display, view: View, width: int, height: 
         k = np.where(z >= grid.near, depth_to_slice(np.maximum(z, grid.near), grid), 0.0)
     _, depth, rows, columns = values.shape  # index 0 wherever an axis has length 1
     k, column = (np.clip(i.astype(int), 0, n - 1) for i, n in ((k, depth), (column, columns)))
-    colours = display.paint(values[:, k, rows // 2, column])
+    colours = display.paint(values[:, :, rows // 2])[k, column]
     colours = np.where(inside[..., None], colours, np.array(PANEL, np.uint8))
     image = canvas(max(wide, 280), height, PANEL)
     image.paste(Image.fromarray(colours.astype(np.uint8)), ((image.width - wide) // 2, height - tall))

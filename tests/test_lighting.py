@@ -311,6 +311,6 @@ def test_near_a_light_in_line_with_it_no_digit_is_lost() -> None:
     result = in_scattering(fog(0.99), [lamp], froxels)[0].ravel()
     for k, value in enumerate(result):
         place = reference.sample(froxels, k, 0, 0, number=reference.mp.mpf)
-        want = reference.in_scattering([0.1], 0.99, [lamp], (0.0, 0.0, 0.0), place, number=reference.mp.mpf)
+        want = reference.in_scattering([0.1] * 3, 0.99, [lamp], (0.0, 0.0, 0.0), place, number=reference.mp.mpf)
         # 0.1, 1 − g and the distance (t/d up to 17 ulp, twice) are rounded: some 60 ulp, of 1e6 if lost.
         assert value == pytest.approx(float(want[0]), rel=60 * np.finfo(float).eps)

@@ -82,8 +82,6 @@ def test_lights_agree_with_the_textbook(falloff: str, attenuation: str, radius: 
 @pytest.mark.parametrize("attenuation", ["min_distance", "inverse_radius"])
 @pytest.mark.parametrize("falloff", ["windowed", "inverse_square"])
 def test_no_distance_or_radius_makes_nan(dtype: type, radius: float, attenuation: str, falloff: str) -> None:
-    if attenuation == "inverse_radius" and (radius < 1e-150):
-        pytest.skip("1/r² is beyond float64: refused below")
     lamp = PointLight(position=ORIGIN, intensity=WHITE, radius=radius, falloff=falloff, min_distance=1e-30)
     x = np.array([0.0, 1e-20, 1e-3, 1.0, 1e9, 1e18], dtype)
     with np.errstate(all="raise", under="ignore"):

@@ -151,7 +151,8 @@ places = st.lists(st.builds(LocalMedium, shape=st.sampled_from(["box", "ellipsoi
                             **looks), max_size=3)
 modes = st.builds(
     lambda mixing, emission, addressing, time: replace(
-        Settings(grid=GRID, time=time), phase_mixing=mixing, emission=emission, density_addressing=addressing),
+        Settings(grid=GRID, time=time), phase_mixing=mixing, emission=emission,
+        density_addressing=addressing),
     st.sampled_from(["weighted", "mean", "mixture"]),
     st.sampled_from(["per_metre", "published", "absorption"]),
     st.sampled_from(["wrap", "clamp"]), st.floats(0.0, 10.0))
