@@ -52,11 +52,18 @@ def blocks(count: int, rows: int, columns: int, *, size: int = BLOCK) -> list[tu
         deep, tall = max(1, size // max(1, columns * rows)), max(1, rows)
     else:
         deep, tall = 1, max(1, size // max(1, columns))
+    deep, tall = _even(count, deep), _even(rows, tall)
     return [
         (slice(z, min(z + deep, count)), slice(y, min(y + tall, rows)))
         for z in range(0, count, deep)
         for y in range(0, rows, tall)
     ]
+
+
+def _even(extent: int, step: int) -> int:
+    """The step that cuts an extent into as many parts, all about alike, so that threads end together."""
+    parts = -(-extent // step)
+    return -(-extent // parts) if parts else 1
 
 
 def run(task: Callable[[T], None], items: Iterable[T], *, threads: int | None = None) -> None:

@@ -316,10 +316,10 @@ def _explain(args: argparse.Namespace) -> None:
         print(f"\n{stage['name']}: {'runs' if stage['runs'] else 'left out'} ({stage['why']})")
         for part in stage["parts"]:
             print(f"  {'with' if part['runs'] else 'without'} {part['name']} ({part['why']})")
-        rows = [(f"  {a['name']}", a["varies"] or "constant", _megabytes(a["bytes"]), "of",
-                 _megabytes(a["expanded_bytes"])) for a in stage["arrays"]]
+        rows = [(f"  {a['name']}", a["varies"] or "constant", _amount(a["bytes"]), "of",
+                 _amount(a["expanded_bytes"])) for a in stage["arrays"]]
         _table(rows, "llrlr")
-    print(f"\ntotal: {_megabytes(facts['bytes'])}, of {_megabytes(facts['expanded_bytes'])} at full size")
+    print(f"\ntotal: {_amount(facts['bytes'])}, of {_amount(facts['expanded_bytes'])} at full size")
 
 
 def _facts(frame: Frame) -> dict[str, Any]:
@@ -355,8 +355,10 @@ def _schema(args: argparse.Namespace) -> None:
 # --- printing ---------------------------------------------------------------------------------------
 
 
-def _megabytes(size: int) -> str:
-    return f"{size / 1e6:.3f} MB" if size >= 1000 else f"{size} B"
+def _amount(size: int) -> str:
+    if size < 1000:
+        return f"{size} B"
+    return f"{size / 1e3:.3f} kB" if size < 100_000 else f"{size / 1e6:.3f} MB"
 
 
 def _table(rows: Sequence[Sequence[str]], align: str) -> None:

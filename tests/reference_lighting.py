@@ -36,8 +36,8 @@ def light(source: Light, point: Sequence[Any], *, attenuation: str = "min_distan
         return normalized(source.direction, number), number(1)
     to_light = [number(p) - number(x) for p, x in zip(source.position, point, strict=True)]
     d2 = dot(to_light, to_light)
-    bound = number(source.min_distance) ** 2 if attenuation == "min_distance" else 1 / number(source.radius) ** 2
-    factor = 1 / max(d2, bound)
+    bound = number(source.min_distance) if attenuation == "min_distance" else 1 / number(source.radius)
+    factor = 1 / max(d2, bound**2)
     if source.falloff == "windowed":
         factor *= max(0, 1 - (d2 / number(source.radius) ** 2) ** 2) ** 2
     L = normalized(to_light, number) if d2 > 0 else [number(0)] * 3

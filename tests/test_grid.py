@@ -269,6 +269,17 @@ def test_corner_bounds_miss_nothing(center: tuple[float, ...], scale: tuple[floa
     assert not np.any(inside & ~inside_box(froxels, corner_bounds(froxels, corners)))
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_bounds_allow_for_rounding(dtype: type) -> None:
+    """A shape that is one sample's rounded position and nothing else still holds that sample."""
+    froxels = make_froxels(CAMERA, SMALL, jitter=(0.1, 0.8, 0.3), dtype=dtype)
+    points = np.stack(np.broadcast_arrays(*froxel_points(froxels)), axis=-1).astype(float)
+    for index in np.ndindex(3, 9, 13):
+        z, y, x = (slice(i, i + 1) for i in index)
+        assert sphere_bounds(froxels, points[index], 0.0) == (z, y, x)
+        assert corner_bounds(froxels, points[index]) == (z, y, x)
+
+
 def test_bounds_are_tight() -> None:
     """Of 300 random spheres and cubes, how many samples the bounds hold for each one inside."""
     froxels = make_froxels(CAMERA, Grid(width=32, height=18, depth=32))

@@ -138,7 +138,7 @@ def test_power_of_a_spot_light_by_quadrature() -> None:
 
 
 @pytest.mark.parametrize("call", [
-    lambda: distance_attenuation(np.ones(1), PointLight(position=ORIGIN, intensity=WHITE), attenuation="none"),
+    lambda: smallest_d2(PointLight(position=ORIGIN, intensity=WHITE), "none"),
     lambda: spot_intensity(WHITE, 1.0, 2.0, convention="none"),
 ])
 def test_unknown_words_are_refused(call) -> None:

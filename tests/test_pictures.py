@@ -11,7 +11,16 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from froxel_ref import panels
-from froxel_ref.display import NOTHING, Display, display_for, ramp, ramp_colours, srgb_transfer, to_srgb8, tone_map
+from froxel_ref.display import (
+    NOTHING,
+    Display,
+    display_for,
+    ramp,
+    ramp_colours,
+    srgb_transfer,
+    to_srgb8,
+    tone_map,
+)
 from froxel_ref.frame import run_frame
 from froxel_ref.pictures import View, channel_first, contact_sheet, final_image, preview, varying
 from froxel_ref.scene import Camera, DirectionalLight, Medium, Scene, Sphere
@@ -35,7 +44,8 @@ def display_byte(value: float) -> int:
 # --- colours ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("linear", "byte"), [(0.0, 0), (0.0031308, 10), (0.18, 118), (0.5, 188), (1.0, 255), (7.0, 255)])
+@pytest.mark.parametrize(("linear", "byte"), [
+    (0.0, 0), (0.0031308, 10), (0.18, 118), (0.5, 188), (1.0, 255), (7.0, 255)])
 def test_srgb_transfer_of_known_values(linear: float, byte: int) -> None:
     assert round(float(srgb_transfer(np.array(linear))) * 255) == byte
 
@@ -158,7 +168,7 @@ def test_the_plan_from_above_is_to_scale(distribution: str, column: int, k: int)
     rows, columns = np.nonzero((image == 255).all(axis=2))
     near, far = ((1.0 + k, 2.0 + k) if distribution == "linear"
                  else (33.0 ** (k / 32), 33.0 ** ((k + 1) / 32)))  # 1·(33/1)^(k/32)
-    # A pixel belongs to the froxel if its centre does: its index is up to 1.5 below the edge that follows it.
+    # A pixel belongs to the froxel if its centre does: its index is up to 1.5 below the edge after it.
     # Beside the axis an edge also moves by the froxel's slope from one row of pixels to the next.
     # 10 pixels a metre, the camera at the bottom centre; tan(45°)·(200/100) = 2 metres aside per metre.
     assert abs(rows.max() - (330 - 10 * near)) <= 1.5
@@ -185,8 +195,8 @@ def test_every_word_of_the_stage_table_can_be_drawn() -> None:
     assert panels.drawable("Dörries – ½ σ") == "Dorries - 1/2 sigma"
 
 
-@pytest.mark.parametrize(("size", "box", "expected"), [((4, 3), (40, 100), (40, 30)), ((4, 3), (41, 29), (36, 27)),
-                                                       ((100, 50), (50, 50), (50, 25))])
+@pytest.mark.parametrize(("size", "box", "expected"), [
+    ((4, 3), (40, 100), (40, 30)), ((4, 3), (41, 29), (36, 27)), ((100, 50), (50, 50), (50, 25))])
 def test_images_fit_their_box_without_stretching(size: tuple[int, int], box: tuple[int, int],
                                                  expected: tuple[int, int]) -> None:
     assert panels.scaled(np.zeros((size[1], size[0], 3), np.uint8), *box).size == expected
@@ -244,8 +254,9 @@ def test_the_lobes_of_a_mixture_are_shown_as_their_sum() -> None:
 
 
 def small_frame(*, fog: bool, width: int = 32, height: int = 18, **settings: object) -> object:
-    scene = Scene(name="small", camera=Camera(position=(0.0, 1.0, 4.0), target=(0.0, 1.0, 0.0), width=width, height=height),
-                  global_media=(Medium(extinction=0.1),) if fog else (), surfaces=(Sphere(center=(0.0, 1.0, 0.0)),),
+    camera = Camera(position=(0.0, 1.0, 4.0), target=(0.0, 1.0, 0.0), width=width, height=height)
+    scene = Scene(name="small", camera=camera, surfaces=(Sphere(center=(0.0, 1.0, 0.0)),),
+                  global_media=(Medium(extinction=0.1),) if fog else (),
                   lights=(DirectionalLight(direction=(1.0, 1.0, 1.0), irradiance=(3.0, 3.0, 3.0)),))
     return run_frame(scene, Settings(grid=GRID, **settings))
 

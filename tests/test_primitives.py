@@ -133,10 +133,15 @@ def test_sphere_keeps_digits_where_the_plain_quadratic_has_none():
     assert t[0, 2] == np.inf
 
 
-def test_sphere_seen_from_just_outside_its_wall():
-    """1e-9 m before the wall the near root is 1e-9, to all digits that the input has."""
-    rays = bundle((0.0, 0.0, 1.0 + 1e-9), [(0, 0, -1)])
-    assert hit_sphere(rays, (0.0, 0.0, 0.0), 1.0)[0, 0] == pytest.approx(1e-9, rel=1e-6)
+@pytest.mark.parametrize(("gap", "directions"), [(2.0**-13, [(0, 0, -1), (0.3, 0.2, -1)]),
+                                                 (-2.0**-13, [(0, 0, 1), (0.3, 0.2, 1)])])
+def test_sphere_seen_from_close_to_its_wall(gap, directions):
+    """0.1 mm from the wall, on either side: b − √s has three digits in float32, c/(b + √s) all of them."""
+    rays = bundle((0.0, 0.0, 1.0 + gap), directions, np.float32)
+    t = hit_sphere(rays, (0.0, 0.0, 0.0), 1.0)
+    for index, direction in each_ray(rays):
+        expected, _ = reference.sphere_hit(rays.origin, direction, (0.0, 0.0, 0.0), 1.0)
+        assert float(t[index]) == pytest.approx(float(expected), rel=8 * float(np.finfo(np.float32).eps))
 
 
 # --- box --------------------------------------------------------------------------------------------

@@ -241,6 +241,15 @@ def test_mesh_depth_has_float64_digits_at_any_size(scale):
     assert t[0, 0] == pytest.approx(4.1 * scale, rel=1e-14)
 
 
+@pytest.mark.parametrize("tilt", [0.0, 1e-12])
+def test_a_triangle_seen_edge_on_keeps_its_depth(tilt):
+    """Float32 may choose a triangle that the ray passes by 1e-7: its plane is met elsewhere or nowhere."""
+    triangle = np.array([[[tilt, -1.0, -2.0], [0.0, 1.0, -3.0], [-tilt, -1.0, -4.0]]])
+    rays = bundle((0.0, 0.0, 0.0), [(1e-7, 0, -1), (0, 0, -1)])
+    t, _ = hit_mesh(rays, triangle, lambda origins, directions: np.zeros(len(origins), np.int32))
+    assert ((t >= 2.0 - 1e-6) & (t <= 4.0 + 1e-6)).all()
+
+
 def test_without_embree_the_message_names_the_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "embreex", None)
     monkeypatch.setitem(sys.modules, "embreex.mesh_construction", None)
