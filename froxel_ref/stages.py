@@ -294,6 +294,12 @@ def _run_lighting(job: Job, results: Results) -> dict[str, Field]:
 # --- integrate --------------------------------------------------------------------------------------
 
 
+def _needs_integrate(scene: Scene, settings: Settings) -> Need:
+    if settings.integrator != "analytic" and not _media(scene):
+        return True, f"the integrator {settings.integrator!r} dims even a vacuum (D3)"
+    return _needs_media(scene, settings)
+
+
 def _neutral_integrate(job: Job) -> dict[str, Field]:
     return {"integrate/radiance": _constant(job, "czyx", (0.0,) * 3),
             "integrate/transmittance": _constant(job, "zyx", 1.0),
@@ -314,7 +320,7 @@ def _run_integrate(job: Job, results: Results) -> dict[str, Field]:
 
 
 def _apply_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
-    fog = bool(_media(scene))
+    fog, _ = _needs_integrate(scene, settings)
     return (Part("fog lookup", fog, "at each pixel's depth" if fog else "the scene has no fog to look up"),
             Part("surface", *_needs_surface(scene, settings)))
 
@@ -323,7 +329,7 @@ def _run_apply(job: Job, results: Results) -> dict[str, Field]:
     radiance = results["surface/radiance"]
     if job.settings.exposure == "lighting":
         radiance = radiance * job.dtype.type(job.scene.camera.exposure)
-    if not (_media(job.scene) or job.full):
+    if not (_needs_integrate(job.scene, job.settings)[0] or job.full):
         return {"apply/fog_radiance": _constant(job, "cyx", (0.0,) * 3),
                 "apply/fog_transmittance": _constant(job, "yx", 1.0), FINAL: radiance}
     integrated = integrate.Integrated(*(results[f"integrate/{name}"] for name in integrate.Integrated._fields))
@@ -351,7 +357,7 @@ def _always(scene: Scene, settings: Settings) -> Need:
 
 STAGES: tuple[Stage, ...] = (
     Stage("grid", "froxels: slices of view depth", (), ("grid/slice_depth",),
-          _needs_media, lambda job: {"grid/slice_depth": job.froxels.boundaries[1:, 0, 0]}, _run_grid),
+          _needs_integrate, lambda job: {"grid/slice_depth": job.froxels.boundaries[1:, 0, 0]}, _run_grid),
     Stage("surface", "the nearest opaque surface and its Lambert shading", (), _SURFACE,
           _needs_surface, _neutral_surface, _run_surface),
     Stage("media", "the V-Buffer: material of the media at each froxel", (), _MEDIA,
@@ -360,7 +366,8 @@ STAGES: tuple[Stage, ...] = (
           _needs_lighting, lambda job: {"lighting/in_scattering": _constant(job, "czyx", (0.0,) * 3)},
           _run_lighting, _lighting_parts),
     Stage("integrate", "radiance and transmittance from the camera to each slice",
-          ("lighting/in_scattering", "media/extinction"), _INTEGRATED, _needs_media, _neutral_integrate, _run_integrate),
+          ("lighting/in_scattering", "media/extinction"), _INTEGRATED, _needs_integrate, _neutral_integrate,
+          _run_integrate),
     Stage("apply", "the fog looked up at each pixel's depth, over the surface", _SURFACE + _INTEGRATED,
           ("apply/fog_radiance", "apply/fog_transmittance", FINAL), _always, lambda job: {}, _run_apply, _apply_parts),
 )

@@ -100,13 +100,13 @@ def find_surfaces(surfaces: Sequence[Surface], rays: Rays, assets: Assets, *, re
 
     Notes
     -----
-    The first stage of a frame [Dörries 2020, §3.1 takes it from the rasteriser]. Depths are exact but for
-    rounding: some ulp of t for planes and boxes away from grazing, see the primitives for the others.
+    In a renderer the rasteriser's depth buffer stands here. Depths are exact but for rounding: some ulp of t
+    for planes and boxes away from grazing, see the primitives for the others.
 
     Examples
     --------
     >>> from froxel_ref.geometry import camera_rays
-    >>> from froxel_ref.scene import Camera
+    >>> from froxel_ref.scene import Box, Camera
     >>> rays = camera_rays(Camera(position=(0, 0, 4), target=(0, 0, 0)), 1, 1)
     >>> hits = find_surfaces([Sphere(radius=1), Box()], rays, None)
     >>> hits.depth.tolist(), hits.normal.ravel().tolist()
@@ -269,13 +269,13 @@ def shade(hits: Hits, rays: Rays, scene: Scene, *, attenuation: str = "min_dista
 
     Notes
     -----
-    albedo·(Σ_l E_l·max(N·L, 0)·visibility/π + ambient) [Dörries 2020, §2.2]; the ambient radiance comes from
-    all directions, so its irradiance is π times as large.
+    albedo·(Σ_l E_l·max(N·L, 0)·visibility/π + ambient); the ambient radiance comes from all directions, so
+    its irradiance is π times as large.
 
     Examples
     --------
     >>> from froxel_ref.geometry import camera_rays
-    >>> from froxel_ref.scene import Camera
+    >>> from froxel_ref.scene import Box, Camera
     >>> rays = camera_rays(Camera(position=(0, 0, 4), target=(0, 0, 0)), 1, 1)
     >>> hits = find_surfaces([Box()], rays, None)
     >>> shade(hits, rays, Scene(ambient=(1, 2, 3))).ravel().tolist()

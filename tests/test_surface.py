@@ -272,7 +272,7 @@ def test_shading_agrees_with_a_scalar_loop(seed):
                      for o, d in zip(rays.origin, rays.per_depth, strict=True)]
             expected = reference.lambert(point, hits.normal[:, j, i].tolist(), hits.albedo[:, j, i].tolist(),
                                          lights, scene.ambient)
-        # Measured 8e-16 over 150 scenes; windows and cones may lose more digits of little light at their ends.
+        # Measured 8e-16 over 150 scenes; windows and cones may lose more digits of little light.
         assert image[:, j, i].tolist() == pytest.approx(list(expected), rel=1e-14, abs=1e-15)
 
 
