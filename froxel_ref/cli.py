@@ -267,10 +267,11 @@ def _render(args: argparse.Namespace) -> None:
     from froxel_ref.image_files import image_writer
     from froxel_ref.output import whole_file
 
+    loaded = _load(args)
     path = Path(args.output or f"{Path(args.scene).stem}.png")
     write = image_writer(path)
     with _progress() as progress, whole_file(path, force=args.force) as partial:
-        frame = _run(_load(args), ["apply/radiance"], progress)
+        frame = _run(loaded, ["apply/radiance"], progress)
         write(partial, frame)
     print(path)
 
@@ -280,9 +281,9 @@ def _golden(args: argparse.Namespace) -> None:
     from froxel_ref.golden import check_target, write_golden
     from froxel_ref.output import check_space
 
+    loaded = _load(args)
     folder = Path(args.output or f"golden-{Path(args.scene).stem}")
     check_target(folder, force=args.force)  # again when the folder is made: this one saves the wait
-    loaded = _load(args)
     plan(loaded.scene, loaded.settings)
     if folder.absolute().parent.is_dir():
         check_space(folder.absolute().parent, estimate_bytes(loaded.scene, loaded.settings))

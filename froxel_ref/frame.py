@@ -20,7 +20,9 @@ from froxel_ref.scene import Scene
 from froxel_ref.settings import Settings
 from froxel_ref.stages import FINAL, QUANTITIES, STAGES, Job, Part, Quantity, Stage, forced
 
-__all__ = ["FINAL", "QUANTITIES", "Frame", "Plan", "Planned", "Quantity", "estimate_bytes", "plan", "run_frame"]
+__all__ = [
+    "FINAL", "QUANTITIES", "Frame", "Plan", "Planned", "Quantity", "estimate_bytes", "plan", "run_frame",
+]
 
 Progress = Callable[[str, int, int], None]
 
@@ -114,8 +116,8 @@ def _check_size(scene: Scene, settings: Settings) -> None:
     if need > 0.8 * have:
         g, c = settings.grid, scene.camera
         raise InputError(
-            "settings.grid", f"{g.width}x{g.height}x{g.depth} froxels and {c.width}x{c.height} pixels need up to "
-            f"{need / 2**30:,.1f} GiB, must stay below 80 % of this machine's {have / 2**30:,.1f} GiB")
+            "settings.grid", f"{g.width}x{g.height}x{g.depth} froxels and {c.width}x{c.height} pixels need "
+            f"up to {need / 2**30:,.1f} GiB, must stay below 80 % of this machine's {have / 2**30:,.1f} GiB")
 
 
 def plan(scene: Scene, settings: Settings | None = None, outputs: Iterable[str] | None = None, *,

@@ -78,8 +78,10 @@ def _write_display(path: Path, frame: Frame) -> None:
 
 def _write_npy(path: Path, frame: Frame) -> None:
     image = linear_image(frame)
-    with path.open("wb") as file:
-        np.lib.format.write_array(file, image.astype(image.dtype.newbyteorder("<")), allow_pickle=False)
+    image = image.astype(image.dtype.newbyteorder("<"), copy=False)
+    with path.open("wb") as file:  # not np.save, which hides what the system says of a full disk
+        np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(image))
+        file.write(image.data)
 
 
 def _write_exr(path: Path, frame: Frame) -> None:

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from froxel_ref.arrays import Field, Points
+from froxel_ref.arrays import Field
 from froxel_ref.grid import Froxels, froxel_points
 from froxel_ref.light_rays import LightRays, Rect, light_rays, rect
 from froxel_ref.phase import phase
@@ -21,11 +21,8 @@ from froxel_ref.records import InputError
 from froxel_ref.scene import PointLight
 
 __all__ = [
-    "Lamps", "Lobe", "Visibility", "add_lamps", "channels", "make_lobe", "part", "prefactor", "relate_lamps",
+    "Lamps", "Lobe", "add_lamps", "channels", "make_lobe", "part", "prefactor", "relate_lamps",
 ]
-
-Visibility: TypeAlias = Callable[[int, Points], Field]
-"""What share of a light (its index) arrives at points: broadcastable to them, in [0, 1]."""
 
 Type: TypeAlias = "np.dtype[np.floating[Any]]"
 
@@ -253,7 +250,6 @@ class Work(NamedTuple):
     reach: Field
     v: Field
     w: Field
-    rgb: Field
 
 
 def add_lamps(lamps: Lamps, lobes: Sequence[Lobe], lights: Sequence[Field], memory: threading.local,
@@ -274,7 +270,7 @@ def add_lamps(lamps: Lamps, lobes: Sequence[Lobe], lights: Sequence[Field], memo
         The block's slices and rows.
     """
     shape, dtype = lights[0].shape[1:], lights[0].dtype
-    scratch = _scratch(memory, 9 * lights[0][0].size, dtype)
+    scratch = _scratch(memory, 6 * lights[0][0].size, dtype)
     along = scratch[-lights[0][0].size:].reshape(shape)
     terms = [_terms(lobe, z, y, shape, dtype) for lobe in lobes]
     measured = 0.0
@@ -288,8 +284,9 @@ def add_lamps(lamps: Lamps, lobes: Sequence[Lobe], lights: Sequence[Field], memo
         work = _reach(lamps, lamp, area, along, scratch, z, y)
         for lobe, term, colours, light in zip(lobes, terms, lamps.colours, lights, strict=True):
             _weigh(lobe, _inside(term, work.here), work)
-            np.multiply(work.w, colours[k], out=work.rgb)
-            light[:, *work.here] += work.rgb
+            for channel, factor in zip(light, colours[k], strict=True):
+                np.multiply(work.w, factor, out=work.v)
+                np.add(channel[work.here], work.v, out=channel[work.here])
 
 
 def _scratch(memory: threading.local, count: int, dtype: Type) -> Field:
@@ -322,11 +319,10 @@ def _reach(lamps: Lamps, lamp: LightRays, area: Rect, along: Field, scratch: Fie
     az, ay, ax = area
     here = slice(az.start - z.start, az.stop - z.start), slice(ay.start - y.start, ay.stop - y.start), ax
     t = along[here]
-    buffers = scratch[:8 * t.size].reshape(8, *t.shape)
-    s, d, reach, v, w = buffers[:5]
+    s, d, reach, v, w = scratch[:5 * t.size].reshape(5, *t.shape)
     top, left = lamp.corner
     rays = slice(ay.start - top, ay.stop - top), slice(ax.start - left, ax.stop - left)
-    work = Work(area, here, lamp.across2[rays], s, d, reach, v, w, buffers[5:])
+    work = Work(area, here, lamp.across2[rays], s, d, reach, v, w)
     np.subtract(t, lamp.nearest[rays], out=s)
     np.multiply(s, s, out=reach)
     np.add(reach, work.across2, out=reach)

@@ -14,13 +14,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 
 from froxel_ref import blocks
-from froxel_ref.arrays import Field
-from froxel_ref.geometry import dot
+from froxel_ref.arrays import Field, Visibility
 from froxel_ref.grid import Froxels, froxel_points
 from froxel_ref.lamps import (
     Lamps,
     Lobe,
-    Visibility,
     add_lamps,
     channels,
     make_lobe,
@@ -28,7 +26,6 @@ from froxel_ref.lamps import (
     prefactor,
     relate_lamps,
 )
-from froxel_ref.lights import colour, unit
 from froxel_ref.phase import (
     PHASE,
     cornette_shanks,
@@ -43,12 +40,13 @@ from froxel_ref.phase import (
 from froxel_ref.records import InputError, suggest
 from froxel_ref.scene import DirectionalLight, Light, Rgb
 from froxel_ref.settings import SWITCHES, SecondLobe
+from froxel_ref.sun_rays import SunRays, sun_light, sun_rays
 
 if TYPE_CHECKING:
     from froxel_ref.media import VBuffer
 
 __all__ = [
-    "PHASE", "Visibility", "cornette_shanks", "henyey_greenstein", "in_scattering", "isotropic", "phase",
+    "PHASE", "cornette_shanks", "henyey_greenstein", "in_scattering", "isotropic", "phase",
     "rayleigh", "schlick", "two_lobe_henyey_greenstein", "versine",
 ]
 
@@ -61,22 +59,13 @@ SIZE = 65536
 CONSTANT_AMBIENT = 1.0 / (4.0 * math.pi * math.pi)
 
 
-class Sun(NamedTuple):
-    """A directional light: its number, irradiance (3, 1, 1, 1), cos θ and 1 − cos θ per ray, (1, H, W)."""
-
-    number: int
-    irradiance: Field
-    cosine: Field
-    versine: Field
-
-
 class Job(NamedTuple):
     """All that a block needs; ``skies`` is None where directional light varies along z."""
 
     froxels: Froxels
     vbuffer: VBuffer
     lobes: list[Lobe]
-    suns: list[Sun]
+    suns: list[SunRays]
     ambient: Field
     skies: list[Field | None]
     lamps: Lamps
@@ -184,7 +173,8 @@ def _prepare(vbuffer: VBuffer, lights: Sequence[Light], froxels: Froxels, phase_
              visibility: Visibility | None) -> Job:
     """What does not depend on the block."""
     lobes = _lobes(vbuffer, phase_function, second_lobe, froxels.depths.dtype)
-    suns = [_sun(i, light, froxels) for i, light in enumerate(lights) if isinstance(light, DirectionalLight)]
+    suns = [sun_rays(i, light, froxels.rays) for i, light in enumerate(lights)
+            if isinstance(light, DirectionalLight)]
     local = {i: light for i, light in enumerate(lights) if not isinstance(light, DirectionalLight)}
     lamps = relate_lamps(
         local, lobes, froxels, attenuation=attenuation, restrict=restrict, visibility=visibility)
@@ -204,15 +194,6 @@ def _lobes(vbuffer: VBuffer, name: str, second: SecondLobe | None, dtype: Type) 
     return result
 
 
-def _sun(index: int, light: DirectionalLight, froxels: Froxels) -> Sun:
-    """A directional light relative to each ray."""
-    rays = froxels.rays
-    x, y, z = (np.full((1, 1), c, rays.length.dtype) for c in unit(light.direction))
-    V = (-rays.per_depth[0] / rays.length, -rays.per_depth[1] / rays.length, -rays.per_depth[2] / rays.length)
-    return Sun(index, channels(colour(light), rays.length.dtype),
-               -dot(V, (x, y, z))[np.newaxis], versine(V, (x, y, z))[np.newaxis])
-
-
 def _along_z(job: Job, lobe: Lobe) -> bool:
     """Whether the directional part varies along z."""
     return bool(job.suns) and (job.visibility is not None or lobe.g.shape[0] > 1)
@@ -222,8 +203,7 @@ def _sky(job: Job, lobe: Lobe, g: Field, y: slice = slice(None), seen: Sequence[
     """Ambient and directional light scattered towards the camera, per σ_s."""
     total = job.ambient if lobe.first else np.zeros_like(job.ambient)
     for k, sun in enumerate(job.suns):
-        value = phase(lobe.name, sun.cosine[:, y], g, versine=sun.versine[:, y])
-        light = value * (sun.irradiance * lobe.share)
+        light = sun_light(sun, lobe.name, g, share=lobe.share, rows=y)
         total = total + (light * seen[k] if seen else light)
     return total
 
@@ -235,7 +215,8 @@ def _shape(job: Job) -> tuple[int, int, int]:
         return job.froxels.depths.shape[0], rows, columns
     parts = [job.vbuffer.emission]
     for lobe, sky in zip(job.lobes, job.skies, strict=True):
-        parts += [lobe.scattering, sky] if sky is not None else [lobe.scattering, lobe.g, job.suns[0].cosine]
+        varying = [sky] if sky is not None else [lobe.g, job.suns[0].deflection.high]
+        parts += [lobe.scattering, *varying]
     depth, height, width = np.broadcast_shapes(*(part.shape[-3:] for part in parts))
     return depth, height, width
 

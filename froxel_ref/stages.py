@@ -10,17 +10,27 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
 from froxel_ref import apply, grid, integrate, lighting, media, surface
-from froxel_ref.arrays import Field, Points
+from froxel_ref.arrays import Field, Visibility
 from froxel_ref.assets import Assets
 from froxel_ref.geometry import Rays, camera_rays
 from froxel_ref.grid import Froxels, make_froxels
+from froxel_ref.integrate import Integrated
 from froxel_ref.media import VBuffer
 from froxel_ref.scene import (
-    DensityTexture, DirectionalLight, HeightFog, LocalMedium, Medium, Scene, Transform, VolumeDensity,
+    BLACK,
+    DensityTexture,
+    DirectionalLight,
+    HeightFog,
+    LocalMedium,
+    Medium,
+    Scene,
+    Transform,
+    VolumeDensity,
 )
 from froxel_ref.settings import Settings
 
@@ -55,13 +65,13 @@ QUANTITIES: dict[str, Quantity] = {
     "media/extinction": Quantity("zyx", "1/m", "extinction coefficient at the froxel's sample"),
     "media/emission": Quantity("czyx", PER_METRE, "emission at the froxel's sample"),
     "media/phase_anisotropy": Quantity("zyx", "1", "phase anisotropy g at the froxel's sample"),
-    "media/lobe_scattering": Quantity("lczyx", "1/m", "scattering coefficient of each lobe of an exact mixture"),
-    "media/lobe_anisotropy": Quantity("l", "1", "phase anisotropy g of each lobe of an exact mixture"),
+    "media/lobe_scattering": Quantity("lczyx", "1/m", "scattering coefficient of each lobe of a mixture"),
+    "media/lobe_anisotropy": Quantity("l", "1", "phase anisotropy g of each lobe of a mixture"),
     "lighting/in_scattering": Quantity("czyx", PER_METRE, "radiance scattered towards the camera per metre"),
     "integrate/radiance": Quantity("czyx", RADIANCE, "fog's radiance up to the slice's far boundary"),
     "integrate/transmittance": Quantity("zyx", "1", "transmittance up to the slice's far boundary"),
-    "integrate/front_radiance": Quantity("cyx", RADIANCE, "fog's radiance up to the near boundary", on_grid=True),
-    "integrate/front_transmittance": Quantity("yx", "1", "transmittance up to the near boundary", on_grid=True),
+    "integrate/front_radiance": Quantity("cyx", RADIANCE, "fog's radiance up to the near boundary", True),
+    "integrate/front_transmittance": Quantity("yx", "1", "transmittance up to the near boundary", True),
     "apply/fog_radiance": Quantity("cyx", RADIANCE, "fog's radiance in front of each pixel's surface"),
     "apply/fog_transmittance": Quantity("yx", "1", "transmittance in front of each pixel's surface"),
     FINAL: Quantity("cyx", RADIANCE, "the final image: surface times transmittance, plus fog"),
@@ -106,6 +116,7 @@ class Part:
     why: str
 
 
+AnyMedium = TypeVar("AnyMedium", bound=Medium)
 Results = Mapping[str, Field]
 Need = tuple[bool, str]
 
@@ -131,7 +142,8 @@ def _whole(rays: Rays) -> Rays:
 
 
 def _constant(job: Job, axes: str, value: float | tuple[float, float, float]) -> Field:
-    return np.reshape(np.asarray(value, job.dtype), ((-1,) if "c" in axes else ()) + (1,) * len(axes.replace("c", "")))
+    channels = (-1,) if "c" in axes else ()
+    return np.reshape(np.asarray(value, job.dtype), channels + (1,) * len(axes.replace("c", "")))
 
 
 def _some(items: object, yes: str, no: str) -> Need:
@@ -140,6 +152,10 @@ def _some(items: object, yes: str, no: str) -> Need:
 
 def _count(number: int, thing: str, things: str = "") -> str:
     return f"{number} {thing if number == 1 else things or thing + 's'}"
+
+
+def _media_count(number: int) -> str:
+    return _count(number, "medium", "media")
 
 
 # --- grid -------------------------------------------------------------------------------------------
@@ -159,8 +175,8 @@ def _needs_surface(scene: Scene, settings: Settings) -> Need:
 
 
 def _neutral_surface(job: Job) -> dict[str, Field]:
-    return {"surface/depth": _constant(job, "yx", np.inf), "surface/normal": _constant(job, "cyx", (0.0,) * 3),
-            "surface/albedo": _constant(job, "cyx", (0.0,) * 3),
+    return {"surface/depth": _constant(job, "yx", np.inf),
+            "surface/normal": _constant(job, "cyx", BLACK), "surface/albedo": _constant(job, "cyx", BLACK),
             "surface/radiance": _constant(job, "cyx", job.scene.background)}
 
 
@@ -183,7 +199,7 @@ def _media(scene: Scene) -> tuple[Medium, ...]:
 
 
 def _needs_media(scene: Scene, settings: Settings) -> Need:
-    return _some(_media(scene), _count(len(_media(scene)), "medium", "media"),
+    return _some(_media(scene), _media_count(len(_media(scene))),
                  "the scene has no medium with extinction or emission")
 
 
@@ -194,23 +210,24 @@ def _media_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     fog = sum(medium.height_fog is not None for medium in found)
     textures = sum(medium.density is not None for medium in found)
     return (
-        Part("global media", *_some(everywhere, _count(everywhere, "medium", "media"), "the scene has none")),
-        Part("local media", *_some(local, _count(len(local), "medium", "media"), "the scene has none")),
-        Part("height fog", *_some(fog, f"in {_count(fog, 'medium', 'media')}", "no medium has it")),
-        Part("density textures", *_some(textures, f"in {_count(textures, 'medium', 'media')}", "no medium has one")),
+        Part("global media", *_some(everywhere, _media_count(everywhere), "the scene has none")),
+        Part("local media", *_some(local, _media_count(len(local)), "the scene has none")),
+        Part("height fog", *_some(fog, "in " + _media_count(fog), "no medium has it")),
+        Part("density textures", *_some(textures, "in " + _media_count(textures), "no medium has one")),
     )
 
 
 def _neutral_media(job: Job) -> dict[str, Field]:
-    return {"media/scattering": _constant(job, "czyx", (0.0,) * 3), "media/extinction": _constant(job, "zyx", 0.0),
-            "media/emission": _constant(job, "czyx", (0.0,) * 3),
-            "media/phase_anisotropy": _constant(job, "zyx", 0.0)} | _lobes((), job.dtype)
+    black, nothing = _constant(job, "czyx", BLACK), _constant(job, "zyx", 0.0)
+    return {"media/scattering": black, "media/extinction": nothing, "media/emission": black,
+            "media/phase_anisotropy": nothing} | _lobes((), job.dtype)
 
 
 def _lobes(lobes: tuple[tuple[Field, float], ...], dtype: np.dtype[np.floating]) -> dict[str, Field]:
     anisotropy = np.array([g for _, g in lobes], dtype)
     if not lobes:
-        return {"media/lobe_scattering": np.zeros((0, 3, 1, 1, 1), dtype), "media/lobe_anisotropy": anisotropy}
+        none = np.zeros((0, 3, 1, 1, 1), dtype)
+        return {"media/lobe_scattering": none, "media/lobe_anisotropy": anisotropy}
     shape = np.broadcast_shapes(*(scattering.shape for scattering, _ in lobes))
     stacked = np.stack([np.broadcast_to(scattering, shape) for scattering, _ in lobes])
     return {"media/lobe_scattering": stacked, "media/lobe_anisotropy": anisotropy}
@@ -237,7 +254,7 @@ def _needs_shadow(scene: Scene, settings: Settings) -> Need:
     return False, "settings.shadows is off"
 
 
-def _unshadowed(job: Job) -> Callable[[int, Points], Field] | None:
+def _unshadowed(job: Job) -> Visibility | None:
     """No visibility at all where nothing casts; an explicit 1 for every point where all is forced."""
     if not job.full:
         return None
@@ -249,8 +266,8 @@ def _unshadowed(job: Job) -> Callable[[int, Points], Field] | None:
 
 def _sources(scene: Scene, settings: Settings) -> list[str]:
     emits = any(any(medium.emissive) for medium in _media(scene))
-    found = {"lights": bool(scene.all_lights), "ambient": any(scene.ambient) or settings.ambient == "constant",
-             "emission": emits}
+    ambient = any(scene.ambient) or settings.ambient == "constant"
+    found = {"lights": bool(scene.all_lights), "ambient": ambient, "emission": emits}
     return [name for name, there in found.items() if there]
 
 
@@ -301,9 +318,9 @@ def _needs_integrate(scene: Scene, settings: Settings) -> Need:
 
 
 def _neutral_integrate(job: Job) -> dict[str, Field]:
-    return {"integrate/radiance": _constant(job, "czyx", (0.0,) * 3),
+    return {"integrate/radiance": _constant(job, "czyx", BLACK),
             "integrate/transmittance": _constant(job, "zyx", 1.0),
-            "integrate/front_radiance": _constant(job, "cyx", (0.0,) * 3),
+            "integrate/front_radiance": _constant(job, "cyx", BLACK),
             "integrate/front_transmittance": _constant(job, "yx", 1.0)}
 
 
@@ -330,9 +347,9 @@ def _run_apply(job: Job, results: Results) -> dict[str, Field]:
     if job.settings.exposure == "lighting":
         radiance = radiance * job.dtype.type(job.scene.camera.exposure)
     if not (_needs_integrate(job.scene, job.settings)[0] or job.full):
-        return {"apply/fog_radiance": _constant(job, "cyx", (0.0,) * 3),
+        return {"apply/fog_radiance": _constant(job, "cyx", BLACK),
                 "apply/fog_transmittance": _constant(job, "yx", 1.0), FINAL: radiance}
-    integrated = integrate.Integrated(*(results[f"integrate/{name}"] for name in integrate.Integrated._fields))
+    integrated = Integrated(*(results[name] for name in _INTEGRATED))
     camera = job.scene.camera
     depth = results["surface/depth"]
     if depth.size == 1:
@@ -348,7 +365,7 @@ def _run_apply(job: Job, results: Results) -> dict[str, Field]:
 _MEDIA = ("media/scattering", "media/extinction", "media/emission", "media/phase_anisotropy",
           "media/lobe_scattering", "media/lobe_anisotropy")
 _SURFACE = ("surface/depth", "surface/normal", "surface/albedo", "surface/radiance")
-_INTEGRATED = tuple(f"integrate/{name}" for name in integrate.Integrated._fields)
+_INTEGRATED = tuple(f"integrate/{name}" for name in Integrated._fields)
 
 
 def _always(scene: Scene, settings: Settings) -> Need:
@@ -362,14 +379,16 @@ STAGES: tuple[Stage, ...] = (
           _needs_surface, _neutral_surface, _run_surface),
     Stage("media", "the V-Buffer: material of the media at each froxel", (), _MEDIA,
           _needs_media, _neutral_media, _run_media, _media_parts),
-    Stage("lighting", "light scattered towards the camera at each froxel", _MEDIA, ("lighting/in_scattering",),
-          _needs_lighting, lambda job: {"lighting/in_scattering": _constant(job, "czyx", (0.0,) * 3)},
+    Stage("lighting", "light scattered towards the camera at each froxel", _MEDIA,
+          ("lighting/in_scattering",), _needs_lighting,
+          lambda job: {"lighting/in_scattering": _constant(job, "czyx", BLACK)},
           _run_lighting, _lighting_parts),
     Stage("integrate", "radiance and transmittance from the camera to each slice",
           ("lighting/in_scattering", "media/extinction"), _INTEGRATED, _needs_integrate, _neutral_integrate,
           _run_integrate),
     Stage("apply", "the fog looked up at each pixel's depth, over the surface", _SURFACE + _INTEGRATED,
-          ("apply/fog_radiance", "apply/fog_transmittance", FINAL), _always, lambda job: {}, _run_apply, _apply_parts),
+          ("apply/fog_radiance", "apply/fog_transmittance", FINAL), _always, lambda job: {}, _run_apply,
+          _apply_parts),
 )
 
 
@@ -387,7 +406,8 @@ def forced(job: Job) -> Job:
     arithmetic, so the frame must come out the same bit for bit.
     """
     scene = job.scene
-    local = scene.local_media or (LocalMedium(extinction=0.0, transform=Transform(translate=(1e6, 1e6, 1e6))),)
+    far_away = LocalMedium(extinction=0.0, transform=Transform(translate=(1e6, 1e6, 1e6)))
+    local = scene.local_media or (far_away,)
     everywhere = scene.global_media or (Medium(extinction=0.0),)
     if not scene.global_media and job.settings.phase_mixing == "mean":
         everywhere = ()  # a plain mean of g counts media that are not there: this part has no neutral value
@@ -397,6 +417,6 @@ def forced(job: Job) -> Job:
     return dataclasses.replace(job, scene=scene, assets=job.assets._replace(textures=textures))
 
 
-def _with_all_parts(medium: Medium) -> Medium:
+def _with_all_parts(medium: AnyMedium) -> AnyMedium:
     return dataclasses.replace(medium, height_fog=medium.height_fog or HeightFog(falloff=0.0),
                                density=medium.density or DensityTexture(source=_ONES))

@@ -20,7 +20,7 @@ from froxel_ref.lights import colour
 from froxel_ref.phase import phase
 from froxel_ref.scene import DirectionalLight
 
-__all__ = ["SunRays", "sun_phase", "sun_rays"]
+__all__ = ["SunRays", "sun_light", "sun_rays"]
 
 
 class SunRays(NamedTuple):
@@ -28,8 +28,8 @@ class SunRays(NamedTuple):
 
     Attributes
     ----------
-    index : int
-        In the scene's lights.
+    number : int
+        Index in the scene's lights.
     irradiance : ndarray, shape (3,), float64 [W m⁻²]
         On a surface that faces the light.
     deflection : DoubleDouble, shape (H, W)
@@ -38,7 +38,7 @@ class SunRays(NamedTuple):
         Of the frame.
     """
 
-    index: int
+    number: int
     irradiance: NDArray[np.float64]
     deflection: DoubleDouble
     dtype: np.dtype[Any]
@@ -68,8 +68,8 @@ def sun_rays(index: int, light: DirectionalLight, rays: Rays) -> SunRays:
     --------
     >>> from froxel_ref.geometry import camera_rays
     >>> from froxel_ref.scene import Camera
-    >>> sun = sun_rays(0, DirectionalLight(direction=(0, 0, -2), irradiance=(1, 1, 1)), camera_rays(Camera(), 1, 1))
-    >>> sun.deflection.high.tolist()
+    >>> light = DirectionalLight(direction=(0, 0, -2), irradiance=(1, 1, 1))
+    >>> sun_rays(0, light, camera_rays(Camera(), 1, 1)).deflection.high.tolist()
     [[1.0]]
     """
     p = [double_double(component) for component in rays.per_depth]
@@ -84,8 +84,8 @@ def _dot(a: list[DoubleDouble], b: list[DoubleDouble]) -> DoubleDouble:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def sun_phase(sun: SunRays, name: str, g: Field, *, rows: slice = slice(None)) -> Field:
-    """What a phase function makes of a sun's direction, for each ray.
+def sun_light(sun: SunRays, name: str, g: Field, *, share: float = 1.0, rows: slice = slice(None)) -> Field:
+    """What a phase function turns of a sun's light into each ray, per unit of scattering.
 
     Parameters
     ----------
@@ -95,29 +95,33 @@ def sun_phase(sun: SunRays, name: str, g: Field, *, rows: slice = slice(None)) -
         A key of `froxel_ref.phase.PHASE`.
     g : Field, shape (…), three axes
         Phase anisotropy.
+    share : float
+        Factor on the phase function.
     rows : slice
         Of the grid, that ``g`` belongs to.
 
     Returns
     -------
-    Field, shape broadcastable to (D, H, W) [sr⁻¹]
-        In the frame's dtype.
+    Field, shape broadcastable to (3, D, H, W) [W m⁻² sr⁻¹]
+        share·p·E in the frame's dtype.
 
     Notes
     -----
-    Henyey–Greenstein with one g: (1 − g²)/(4π·b·√b), b = (1 − |g|)² + 2|g|(1 ∓ cos θ), in twice the digits
-    and rounded once: within 0.51 ulp of the exact value for |g| ≤ 1 − 2⁻²⁴. The others, and a g that
-    varies, take cos θ and 1 − cos θ rounded once each.
+    Henyey–Greenstein with one g: (1 − g²)/(4π·b·√b), b = (1 − |g|)² + 2|g|(1 ∓ cos θ), times share and
+    irradiance in twice the digits and rounded once: within 0.51 ulp of the exact value for
+    |g| ≤ 1 − 2⁻²⁴. The others, and a g that varies, take cos θ and 1 − cos θ rounded once each.
 
     Examples
     --------
     >>> from froxel_ref.geometry import camera_rays
     >>> from froxel_ref.scene import Camera
-    >>> sun = sun_rays(0, DirectionalLight(direction=(0, 0, -1), irradiance=(1, 1, 1)), camera_rays(Camera(), 1, 1))
-    >>> sun_phase(sun, "henyey_greenstein", np.full((1, 1, 1), 0.5)).round(6).tolist()  # 6/(4π)
-    [[[0.477465]]]
+    >>> light = DirectionalLight(direction=(0, 0, -1), irradiance=(1, 2, 3))
+    >>> sun = sun_rays(0, light, camera_rays(Camera(), 1, 1))
+    >>> sun_light(sun, "henyey_greenstein", np.full((1, 1, 1), 0.5)).ravel().round(6).tolist()  # 6/(4π)·E
+    [0.477465, 0.95493, 1.432394]
     """
     cosine = DoubleDouble(sun.deflection.high[np.newaxis, rows], sun.deflection.low[np.newaxis, rows])
+    irradiance = sun.irradiance.reshape(3, 1, 1, 1)
     one = double_double(1.0)
     if name == "henyey_greenstein" and g.size == 1:
         size = double_double(abs(float(g.reshape(-1)[0])))
@@ -125,6 +129,9 @@ def sun_phase(sun: SunRays, name: str, g: Field, *, rows: slice = slice(None)) -
         rest = one - size
         bend = rest * rest + (size + size) * turn
         value = (rest * (one + size)) / (FOUR_PI * bend * bend.sqrt())
-        return value.high.astype(sun.dtype, copy=False)
+        light: Field = (value * (double_double(irradiance) * double_double(share))).high
+        return light.astype(sun.dtype, copy=False)
     narrow, small = (part.high.astype(sun.dtype, copy=False) for part in (cosine, one - cosine))
-    return phase(name, narrow, g.astype(sun.dtype, copy=False), versine=np.maximum(small, 0.0))
+    plain = phase(name, narrow, g.astype(sun.dtype, copy=False), versine=np.maximum(small, 0.0))
+    scaled: Field = plain * (irradiance * share).astype(sun.dtype, copy=False)
+    return scaled

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from froxel_ref.arrays import Field, Points
+from froxel_ref.arrays import Field, Points, Visibility
 from froxel_ref.blocks import blocks, run
 from froxel_ref.geometry import Matrix, Rays, crop_rays, dot, ray_bounds, ray_points
 from froxel_ref.lights import colour, light_at
@@ -27,9 +27,8 @@ from froxel_ref.triangles import height_field_normals, hit_height_field, hit_mes
 if TYPE_CHECKING:
     from froxel_ref.assets import Assets
 
-__all__ = ["Hits", "Visibility", "find_surfaces", "imported", "shade"]
+__all__ = ["Hits", "find_surfaces", "imported", "shade"]
 
-Visibility = Callable[[Light, Points], Field]
 """The share of a light that arrives at points, in [0, 1], broadcastable with them."""
 
 Window = tuple[slice, slice]
@@ -255,7 +254,7 @@ def shade(hits: Hits, rays: Rays, scene: Scene, *, attenuation: str = "min_dista
     attenuation : {"min_distance", "inverse_radius"}
         Lower bound of the distance (A6), see `froxel_ref.lights`.
     visibility : callable, optional
-        Takes a light and points, returns the share that arrives; all of it if not given.
+        Called with a light's index and points, gives the share of it that arrives; 1 if not given.
     restrict : bool
         Shade with a light only within the `froxel_ref.geometry.ray_bounds` of its radius.
         The result is the same without.
@@ -283,26 +282,29 @@ def shade(hits: Hits, rays: Rays, scene: Scene, *, attenuation: str = "min_dista
     """
     shape = hits.depth.shape
     whole = (slice(0, shape[0]), slice(0, shape[1]))
-    reach = [(light, _reach(light, rays) if restrict else whole) for light in scene.all_lights]
+    reach = [(i, light, _reach(light, rays) if restrict else whole)
+             for i, light in enumerate(scene.all_lights)]
     radiance = np.zeros((3, *shape), hits.depth.dtype)
 
     def light_rows(rows: slice) -> None:
         depth, total = hits.depth[rows], radiance[:, rows]
         empty = np.isinf(depth)
         points = ray_points(crop_rays(rays, rows, whole[1]), np.where(empty, 0.0, depth).astype(depth.dtype))
-        for light, (y, x) in reach:
+        for i, light, (y, x) in reach:
             y = _overlap(y, rows)
             y = slice(y.start - rows.start, y.stop - rows.start)
             if y.start < y.stop and x.start < x.stop:
                 nearby = (points[0][y, x], points[1][y, x], points[2][y, x])
-                factor = _arriving(light, nearby, hits.normal[:, rows][:, y, x], attenuation, visibility)
+                factor = _arriving(light, nearby, hits.normal[:, rows][:, y, x], attenuation)
+                if visibility is not None:
+                    factor = factor * visibility(i, nearby)
                 for plane, each in zip(total, colour(light).tolist(), strict=True):
                     plane[y, x] += factor * each
-        for i in range(3):
-            total[i] *= 1.0 / math.pi
-            total[i] += scene.ambient[i]
-            total[i] *= hits.albedo[i, rows]
-            np.copyto(total[i], scene.background[i], where=empty)
+        for c in range(3):
+            total[c] *= 1.0 / math.pi
+            total[c] += scene.ambient[c]
+            total[c] *= hits.albedo[c, rows]
+            np.copyto(total[c], scene.background[c], where=empty)
 
     run(light_rows, (rows for _, rows in blocks(1, *shape, size=BLOCK)), threads=threads)
     return radiance
@@ -315,12 +317,11 @@ def _reach(light: Light, rays: Rays) -> Window:
     return slice(0, rays.length.shape[0]), slice(0, rays.length.shape[1])
 
 
-def _arriving(light: Light, points: Points, normal: Field, attenuation: str,
-              visibility: Visibility | None) -> Field:
+def _arriving(light: Light, points: Points, normal: Field, attenuation: str) -> Field:
     """What multiplies the light's colour to give the irradiance on surfaces."""
     towards, factor = light_at(light, points, attenuation=attenuation)
     result: Field = factor * np.maximum(dot((normal[0], normal[1], normal[2]), towards), 0.0)
-    return result if visibility is None else result * visibility(light, points)
+    return result
 
 
 # --- made elsewhere ---------------------------------------------------------------------------------

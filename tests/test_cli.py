@@ -81,7 +81,8 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 def test_an_import_loads_nothing_heavy(module: str) -> None:
     root = Path(__file__).parent.parent
     heavy = {"scipy", "imageio", "PIL", "trimesh", "tqdm", "matplotlib", "numba", "embreex"}
-    code = f"import sys; sys.path.insert(0, {str(root)!r}); import {module}; print({heavy!r} & set(sys.modules))"
+    code = (f"import sys; sys.path.insert(0, {str(root)!r}); import {module}; "
+            f"print({heavy!r} & set(sys.modules))")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"
 
@@ -114,8 +115,10 @@ def test_schema_is_json_schema(capsys: pytest.CaptureFixture[str]) -> None:
 def test_explain_uniform_says_what_is_left_out_and_why(capsys: pytest.CaptureFixture[str]) -> None:
     out = printed(capsys, "explain", "uniform", *SMALL)
     assert out.startswith("uniform: 8 x 6 x 5 froxels, 12 x 8 pixels, float64, corrected\n")
-    for line in ["surface: left out (the scene has no surfaces)", "  without local media (the scene has none)",
-                 "  without density textures (no medium has one)", "  without height fog (no medium has it)",
+    for line in ["surface: left out (the scene has no surfaces)",
+                 "  without local media (the scene has none)",
+                 "  without density textures (no medium has one)",
+                 "  without height fog (no medium has it)",
                  "  without shadows (", "media: runs (1 medium)"]:
         assert line in out
     extinction = re.search(r"^  media/extinction +(.*)$", out, re.MULTILINE)
@@ -133,7 +136,8 @@ def test_explain_as_json_adds_up(capsys: pytest.CaptureFixture[str]) -> None:
     loaded = scene_files.load("lights", overrides=["grid.width=8", "grid.height=6", "grid.depth=5",
                                                    "camera.width=12", "camera.height=8"])
     frame = run_frame(loaded.scene, loaded.settings)
-    assert {a["name"]: a["bytes"] for a in arrays} == {n: f.nbytes for n, f in frame.results.items() if f.size}
+    assert {a["name"]: a["bytes"] for a in arrays} == {
+        name: field.nbytes for name, field in frame.results.items() if field.size}
 
 
 # --- render -----------------------------------------------------------------------------------------

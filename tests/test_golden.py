@@ -91,7 +91,8 @@ def test_arrays_are_in_gpu_order(name: str, small: Frame, written: GoldenSet) ->
     computed = small[name]
     for index in np.ndindex(stored.shape):  # element by element, through names of axes
         place = dict(zip(order, index, strict=True))
-        source = tuple(place[axis] if size > 1 else 0 for axis, size in zip(axes, computed.shape, strict=True))
+        source = tuple(place[axis] if size > 1 else 0
+                       for axis, size in zip(axes, computed.shape, strict=True))
         assert stored[index] == computed[source]
 
 

@@ -115,7 +115,7 @@ def test_literal_colours_of_normals_and_transmittance() -> None:
 
 
 @pytest.mark.parametrize(("level", "raised"), [(3.0, 1.0), (0.25, 1.0), (0.2, 2.0), (0.01, 32.0), (0.0, 1.0)])
-def test_dark_radiance_is_exposed_by_the_power_of_two_that_the_label_names(level: float, raised: float) -> None:
+def test_dark_radiance_is_exposed_by_the_power_of_two_that_is_named(level: float, raised: float) -> None:
     display = display_for("integrate/radiance", np.full((3, 2, 2, 2), level))
     assert display.exposure == raised
     assert f"exposure x{raised:g}" in display.label()
