@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from froxel_ref.arrays import Field
+from froxel_ref.arrays import Field, Visibility
 from froxel_ref.grid import Froxels, froxel_points
 from froxel_ref.light_rays import LightRays, Rect, light_rays, rect
 from froxel_ref.phase import phase

@@ -52,9 +52,9 @@ __all__ = [
 
 Type: TypeAlias = "np.dtype[np.floating[Any]]"
 
-# Elements of a block. More than elsewhere (blocks.BLOCK): a light costs some 25 short calls, between
-# which threads wait for each other; see benchmarks/in_scattering.py.
-SIZE = 65536
+# Elements of a block, eight times as many as elsewhere (blocks.BLOCK): a light costs some 20 calls, and
+# threads that share the interpreter lock get in each other's way the more, the shorter a call is.
+SIZE = 131072
 
 CONSTANT_AMBIENT = 1.0 / (4.0 * math.pi * math.pi)
 
