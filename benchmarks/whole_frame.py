@@ -51,7 +51,8 @@ def main() -> None:
         rows = [(name, f"{1e3 * min(all_[1:]):.1f}", f"{1e3 * statistics.median(all_[1:]):.1f}")
                 for name, all_ in stages.items()]
         print(table(rows, ("stage", "least", "median")))
-    print(f"\npeak resident memory of this process: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB")
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f"\npeak resident memory of this process: {peak:.0f} MiB")
 
 
 if __name__ == "__main__":

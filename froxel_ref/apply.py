@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from froxel_ref.arrays import Field
+from froxel_ref.buffers import Integrated
 from froxel_ref.grid import depth_to_slice
-from froxel_ref.integrate import Integrated
 from froxel_ref.records import InputError
 from froxel_ref.sampling import fetch_trilinear
 from froxel_ref.settings import Grid

@@ -6,13 +6,14 @@ import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from froxel_ref.arrays import Field
 from froxel_ref.blocks import BLOCK, available_threads, blocks, run
+from froxel_ref.buffers import Integrated
 from froxel_ref.records import InputError, suggest
 
 __all__ = ["INTEGRATORS", "Integrated", "Rule", "integrate", "slice_integral"]
@@ -22,28 +23,6 @@ Rule: TypeAlias = Callable[[Field, Field, Field], tuple[Field, Field]]
 
 # Lower bound on extinction in the thesis's shader [Dörries 2020, listings 3.3 and 3.4] [1/m].
 PUBLISHED_LEAST_EXTINCTION = 1e-5
-
-
-class Integrated(NamedTuple):
-    """The scattering buffer: what the fog between the camera and each slice boundary adds and lets through.
-
-    Attributes
-    ----------
-    radiance : ndarray, shape (3, D, H, W) or (3, 1, 1, 1)
-        [W m⁻² sr⁻¹] ``radiance[:, k]`` is the light gathered up to boundary k + 1; one texel of zeros
-        where the medium gives no light.
-    transmittance : ndarray, shape (D, H, W) or (3, D, H, W), or (1, 1, 1)
-        [1] ``transmittance[..., k, :, :]`` is what passes from boundary k + 1; one texel of ones in vacuum.
-    front_radiance : ndarray, shape (3, H, W) or (3, 1, 1)
-        [W m⁻² sr⁻¹] The light gathered up to the near boundary.
-    front_transmittance : ndarray, shape (H, W) or (3, H, W), or (1, 1)
-        [1] What passes from the near boundary.
-    """
-
-    radiance: Field
-    transmittance: Field
-    front_radiance: Field
-    front_transmittance: Field
 
 
 # --- one slice --------------------------------------------------------------------------------------

@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from froxel_ref import blocks
 from froxel_ref.arrays import Field, Visibility
+from froxel_ref.buffers import VBuffer
 from froxel_ref.grid import Froxels, froxel_points
 from froxel_ref.lamps import (
     Lamps,
@@ -41,9 +42,6 @@ from froxel_ref.records import InputError, suggest
 from froxel_ref.scene import DirectionalLight, Light, Rgb
 from froxel_ref.settings import SWITCHES, SecondLobe
 from froxel_ref.sun_rays import SunRays, sun_light, sun_rays
-
-if TYPE_CHECKING:
-    from froxel_ref.media import VBuffer
 
 __all__ = [
     "PHASE", "cornette_shanks", "henyey_greenstein", "in_scattering", "isotropic", "phase",

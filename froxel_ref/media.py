@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from froxel_ref import blocks
 from froxel_ref.arrays import Field, Index, Points
+from froxel_ref.buffers import VBuffer
 from froxel_ref.density import Placed, density, density_at, place
 from froxel_ref.grid import Froxels, corner_bounds, froxel_points
 from froxel_ref.records import InputError
@@ -24,31 +25,6 @@ from froxel_ref.settings import Settings
 __all__ = ["VBuffer", "contributing", "density", "media_at", "pack_v_buffer", "voxelise"]
 
 Textures = Mapping[NoiseDensity | VolumeDensity, NDArray[Any]]
-
-
-class VBuffer(NamedTuple):
-    """The material of participating media at points; every field keeps only the axes on which it varies.
-
-    Attributes
-    ----------
-    scattering : Field, shape (3, …) [1/m]
-        σ_s = Σ albedo·extinction·density.
-    extinction : Field, shape (…), or (3, …) if any medium's is RGB [1/m]
-        σ_t = Σ extinction·density.
-    emission : Field, shape (3, …) [W m⁻³ sr⁻¹]
-        As authored, Σ emissive·density, for the switch "per_metre"; for "published" too, where lighting
-        multiplies it by σ_s (D2); Σ (1 − albedo)·extinction·density·emissive for "absorption".
-    phase_anisotropy : Field, shape (…) [1]
-        g, see `voxelise`.
-    lobes : tuple of (Field of shape (3, …) [1/m], float)
-        For the exact mixture of phase functions: the scattering of the media of each g, and that g.
-    """
-
-    scattering: Field
-    extinction: Field
-    emission: Field
-    phase_anisotropy: Field
-    lobes: tuple[tuple[Field, float], ...] = ()
 
 
 # --- what each medium adds to which field -----------------------------------------------------------

@@ -17,10 +17,9 @@ import numpy as np
 from froxel_ref import apply, grid, integrate, lighting, media, surface
 from froxel_ref.arrays import Field, Visibility
 from froxel_ref.assets import Assets
+from froxel_ref.buffers import Integrated, VBuffer
 from froxel_ref.geometry import Rays, camera_rays
 from froxel_ref.grid import Froxels, make_froxels
-from froxel_ref.integrate import Integrated
-from froxel_ref.media import VBuffer
 from froxel_ref.scene import (
     BLACK,
     DensityTexture,

@@ -17,6 +17,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from froxel_ref.arrays import Field, Points, Visibility
 from froxel_ref.blocks import blocks, run
+from froxel_ref.buffers import Hits
 from froxel_ref.geometry import Matrix, Rays, crop_rays, dot, ray_bounds, ray_points
 from froxel_ref.lights import colour, light_at
 from froxel_ref.primitives import Facets, box_normals, hit_box, hit_plane, hit_sphere
@@ -29,32 +30,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Hits", "find_surfaces", "imported", "shade"]
 
-"""The share of a light that arrives at points, in [0, 1], broadcastable with them."""
-
 Window = tuple[slice, slice]
 
 # Pixels in a block. Measured on a hall of 21 boxes: smaller blocks lose more to the interpreter, which only
 # one thread at a time can hold, larger ones to the cache.
 BLOCK = 65536
 CUBE = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-
-
-class Hits(NamedTuple):
-    """The nearest surface along each ray.
-
-    Attributes
-    ----------
-    depth : Field, shape (h, w) [m]
-        View depth, +inf where there is nothing.
-    normal : Field, shape (3, h, w)
-        World normal of length 1 that faces the camera; 0 where there is nothing.
-    albedo : Field, shape (3, h, w)
-        Lambert reflectance; 0 where there is nothing.
-    """
-
-    depth: Field
-    normal: Field
-    albedo: Field
 
 
 class _Target(NamedTuple):

@@ -266,9 +266,10 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
 @pytest.mark.parametrize("command", ["scenes", "schema"])
 def test_a_full_standard_output_is_one_line(command: str) -> None:
     root = Path(__file__).parent.parent
+    environment = os.environ | {"PYTHONPATH": str(root), "PYTHONUNBUFFERED": ""}  # fails at the flush only
     with open("/dev/full", "w") as full:
         done = subprocess.run([sys.executable, "-m", "froxel_ref", command], stdout=full, text=True,
-                              stderr=subprocess.PIPE, timeout=60, env=os.environ | {"PYTHONPATH": str(root)})
+                              stderr=subprocess.PIPE, timeout=60, env=environment)
     assert done.returncode == 2
     assert re.fullmatch(r"froxel-ref: error: .*No space left on device\n", done.stderr)
 

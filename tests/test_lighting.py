@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 import reference_lighting as reference
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import settings as budget
 from hypothesis import strategies as st
 
@@ -186,11 +186,13 @@ def test_a_mixture_is_the_sum_of_its_media() -> None:
 
 def test_two_lobes_are_a_weighted_sum() -> None:
     froxels = grid()
-    result = in_scattering(fog(0.3), ALL, froxels, ambient=(1.0, 1.0, 1.0), emission="published",
+    medium = fog(0.3, emission=(1.0, 2.0, 3.0))
+    result = in_scattering(medium, ALL, froxels, ambient=(1.0, 1.0, 1.0), emission="published",
                            phase_function="two_lobe_henyey_greenstein",
                            second_lobe=SecondLobe(phase_anisotropy=-0.8, weight=0.25))
-    want = sum(share * in_scattering(fog(g), ALL, froxels, ambient=(1.0, 1.0, 1.0))
-               for g, share in ((0.3, 0.75), (-0.8, 0.25)))
+    want = medium.scattering * medium.emission
+    for g, share in ((0.3, 0.75), (-0.8, 0.25)):
+        want = want + share * in_scattering(fog(g), ALL, froxels, ambient=(1.0, 1.0, 1.0))
     np.testing.assert_allclose(result, want, rtol=1e-14)
 
 
@@ -229,6 +231,20 @@ def test_blocks_and_threads_and_bounds_do_not_show(medium: VBuffer, name: str, s
     assert not np.signbit(whole).any()
 
 
+@given(st.tuples(*[st.floats(-3.0, 3.0)] * 3), st.tuples(*[st.floats(-1.0, 1.0)] * 3),
+       st.floats(1.0, 85.0), st.floats(0.5, 9.0))
+def test_bounds_of_cones_do_not_show(place, direction, angle: float, radius: float) -> None:
+    """On a grid fine enough for a cone to leave columns out."""
+    assume(max(map(abs, direction)) > 1e-3)
+    froxels = grid(size=Grid(width=40, height=20, depth=12, near=0.5, far=16.0))
+    position = (place[0] - 0.5, place[1] + 1.0, place[2] - 2.0)
+    spot = SpotLight(position=position, intensity=(1.0, 2.0, 3.0), radius=radius, direction=direction,
+                     inner_angle=0.5 * angle, outer_angle=angle)
+    whole = in_scattering(fog(0.5), [spot], froxels, restrict=False)
+    result = in_scattering(fog(0.5), [spot], froxels)
+    assert np.array_equal(np.broadcast_to(result, whole.shape), whole)
+
+
 @given(st.tuples(*[st.floats(-30.0, 30.0)] * 3), st.floats(1e-3, 60.0),
        st.sampled_from([np.float32, np.float64]))
 @budget(max_examples=60)
@@ -246,10 +262,11 @@ def test_visibility_sees_the_right_points() -> None:
     """A visibility of ½ halves; one that depends on place and light is applied at that place."""
     froxels, medium = grid(), fog(0.5)
     x = np.broadcast_to(froxel_points(froxels)[0], SHAPE)
-    lights = [SUN, LAMP]
-    shares = [(x > 0.0) * 1.0, (x > 0.0) * 0.5]
+    small = PointLight(position=(0.3, 1.2, -4.0), intensity=(1e3, 1.0, 0.0), radius=0.9)
+    lights, factors = [SUN, LAMP, small], (1.0, 0.5, 0.25)
+    shares = [(1.0 + x * x) * factor for factor in factors]
     result = in_scattering(medium, lights, froxels, block_size=9,
-                           visibility=lambda i, points: (points[0] > 0.0) * (1.0, 0.5)[i])
+                           visibility=lambda i, points: (1.0 + points[0] * points[0]) * factors[i])
     want = sum(share * in_scattering(medium, [source], froxels)
                for share, source in zip(shares, lights, strict=True))
     np.testing.assert_allclose(result, want, rtol=1e-14)
