@@ -13,6 +13,7 @@ import numpy as np
 from timing import interleaved, table
 
 from froxel_ref import scene_files
+from froxel_ref.assets import load_assets
 from froxel_ref.frame import FINAL, Frame, run_frame
 
 
@@ -22,11 +23,12 @@ def held(frame: Frame) -> int:
 
 
 def row(name: str, repeats: int) -> tuple[object, ...]:
-    scene, settings, _ = scene_files.load(name)
+    scene, settings, folder = scene_files.load(name)
+    assets = load_assets(scene, folder)
     frames: dict[bool, Frame] = {}
 
     def run(force_all: bool) -> None:
-        frames[force_all] = run_frame(scene, settings, force_all=force_all)
+        frames[force_all] = run_frame(scene, settings, assets=assets, force_all=force_all)
 
     times = interleaved({"planned": lambda: run(False), "forced": lambda: run(True)}, repeats=repeats)
     same = all(np.array_equal(*np.broadcast_arrays(frames[False][q], frames[True][q]), equal_nan=True)

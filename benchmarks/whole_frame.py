@@ -1,6 +1,6 @@
 """A whole frame, stage by stage: time and peak memory of a built-in scene.
 
-    python benchmarks/whole_frame.py [SCENE=thesis-hall] [--precision float64|float32] [--repeats N]
+    python benchmarks/whole_frame.py [SCENE=thesis-hall] [--precision float64|float32] [--repeats N] [--data DIR]
 
 Also prints how long `import froxel_ref` takes in a fresh interpreter, beside `import numpy` alone.
 """
@@ -17,6 +17,7 @@ import time
 from timing import table
 
 from froxel_ref import scene_files
+from froxel_ref.assets import load_assets
 from froxel_ref.blocks import available_threads
 from froxel_ref.frame import run_frame
 
@@ -33,15 +34,18 @@ def main() -> None:
     parser.add_argument("scene", nargs="?", default="thesis-hall")
     parser.add_argument("--precision", choices=("float64", "float32"), nargs="*", default=["float64", "float32"])
     parser.add_argument("--repeats", type=int, default=9)
+    parser.add_argument("--data", help="folder with the scene's files")
     options = parser.parse_args()
     print(f"import numpy {import_seconds('numpy'):.3f} s, import froxel_ref {import_seconds('froxel_ref'):.3f} s, "
           f"import froxel_ref.frame {import_seconds('froxel_ref.frame'):.3f} s (least of 5)")
     for precision in options.precision:
-        scene, settings, _ = scene_files.load(options.scene, overrides=[f"settings.precision={precision}"])
+        scene, settings, folder = scene_files.load(
+            options.scene, overrides=[f"settings.precision={precision}"], data=options.data)
+        assets = load_assets(scene, folder)
         stages: dict[str, list[float]] = {}
         for _ in range(options.repeats + 1):
             begin = time.perf_counter()
-            frame = run_frame(scene, settings)
+            frame = run_frame(scene, settings, assets=assets)
             total = time.perf_counter() - begin
             for name, seconds in {**frame.timings, "whole frame": total}.items():
                 stages.setdefault(name, []).append(seconds)

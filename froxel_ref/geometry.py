@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from froxel_ref.arrays import Field, Points
-from froxel_ref.compensated import double_double
 from froxel_ref.scene import Camera
 
 __all__ = [
@@ -163,8 +162,7 @@ def camera_rays(camera: Camera, width: int, height: int, *, jitter: tuple[float,
     Notes
     -----
     per_depth = forward + right·u + up·v with u = a·tan(fov/2)·(2(i + jx)/width − 1) and
-    v = tan(fov/2)·(1 − 2(j + jy)/height) [Dörries 2020, §3.2.2]. The length is that of the rounded
-    components, itself rounded once.
+    v = tan(fov/2)·(1 − 2(j + jy)/height); length = √(1 + u² + v²). [Dörries 2020, §3.2.2]
 
     Examples
     --------
@@ -182,9 +180,7 @@ def camera_rays(camera: Camera, width: int, height: int, *, jitter: tuple[float,
     components = [_affine(float(right), u, float(up), v, -float(backward))
                   for right, up, backward in pose[:3, :3]]
     x, y, z = (component.astype(dtype) for component in components)
-    px, py, pz = (double_double(component) for component in (x, y, z))
-    length = np.broadcast_to((px * px + py * py + pz * pz).sqrt().high.astype(dtype), (height, width))
-    return Rays(camera.position, (x, y, z), length)
+    return Rays(camera.position, (x, y, z), np.sqrt(1.0 + u * u + v * v).astype(dtype))
 
 
 def ray_points(rays: Rays, depth: Field) -> Points:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from froxel_ref.arrays import Field, Index, Points
+from froxel_ref.compensated import double_double
 from froxel_ref.geometry import (
     Rays,
     camera_rays,
@@ -184,6 +185,11 @@ def make_froxels(camera: Camera, grid: Grid, *, jitter: tuple[float, float, floa
         Samples at slice coordinate k + jitter: under the exponential distribution the geometric, not the
         arithmetic mean of the slice's boundaries at ½.
 
+    Notes
+    -----
+    The rays' ``length`` is that of ``per_depth`` as it stands, in twice the digits and rounded once, for
+    every path through a slice is a multiple of it.
+
     Examples
     --------
     >>> froxels = make_froxels(Camera(), Grid(width=4, height=2, depth=8, near=0.25, far=64.0))
@@ -193,7 +199,9 @@ def make_froxels(camera: Camera, grid: Grid, *, jitter: tuple[float, float, floa
     rays = camera_rays(camera, grid.width, grid.height, jitter=jitter[:2], dtype=dtype)
     depths = slice_to_depth(np.arange(grid.depth) + jitter[2], grid).reshape(-1, 1, 1).astype(dtype)
     boundaries = slice_to_depth(np.arange(grid.depth + 1), grid).reshape(-1, 1, 1).astype(dtype)
-    return Froxels(rays, depths, boundaries, _texel_from_world(camera, grid, jitter[:2]))
+    x, y, z = (double_double(component) for component in rays.per_depth)
+    length = np.broadcast_to((x * x + y * y + z * z).sqrt().high.astype(dtype), rays.length.shape)
+    return Froxels(rays._replace(length=length), depths, boundaries, _texel_from_world(camera, grid, jitter[:2]))
 
 
 def froxel_points(froxels: Froxels, z: slice = slice(None), y: slice = slice(None),
