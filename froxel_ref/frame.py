@@ -93,7 +93,7 @@ def estimate_bytes(scene: Scene, settings: Settings) -> int:
     Examples
     --------
     >>> estimate_bytes(Scene(), Settings()) // 10**6
-    181
+    225
     """
     sizes = {"x": settings.grid.width, "y": settings.grid.height, "z": settings.grid.depth}
     image = {"x": scene.camera.width, "y": scene.camera.height}
@@ -215,7 +215,7 @@ def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets 
     the_plan = plan(scene, settings, outputs, force_all=force_all)
     if assets is None:
         assets = load_assets(scene, None)
-    job = Job(scene, settings, assets, threads, full=force_all)
+    job = Job(scene, settings, assets, threads, force_all, frozenset(the_plan.outputs))
     if force_all:
         job = forced(job)
     running = [planned.stage for planned in the_plan.stages if planned.runs]

@@ -22,7 +22,7 @@ from froxel_ref.records import InputError
 from froxel_ref.scene import LocalMedium, Medium, NoiseDensity, Rgb, Scene, VolumeDensity
 from froxel_ref.settings import Settings
 
-__all__ = ["VBuffer", "contributing", "density", "media_at", "pack_v_buffer", "voxelise"]
+__all__ = ["VBuffer", "albedo_of", "contributing", "density", "media_at", "pack_v_buffer", "voxelise"]
 
 Textures = Mapping[NoiseDensity | VolumeDensity, NDArray[Any]]
 
@@ -365,6 +365,42 @@ def _is_full(name: str, terms: Sequence[_Term], froxels: Froxels) -> bool:
 # --- layout -----------------------------------------------------------------------------------------
 
 
+def albedo_of(scattering: Field, extinction: Field, *, at_zero: str = "zero") -> Field:
+    """Divide scattering by extinction, as the V-Buffer's first texture holds it.
+
+    Parameters
+    ----------
+    scattering : Field, shape (3, …) [1/m]
+    extinction : Field, shape (…) or (3, …) [1/m]
+    at_zero : {"zero", "divide"}
+        Albedo where extinction is 0: 0, or 0/0 = NaN as listing 3.1 has it (D1).
+
+    Returns
+    -------
+    Field, shape (3, …) [1]
+        Scattering was rounded once and so is this: within 1 ulp of the authored albedo where media do
+        not overlap.
+
+    Notes
+    -----
+    [Dörries 2020, listing 3.1, table 3.2].
+
+    Examples
+    --------
+    >>> thin = np.array([0.0, 0.5])
+    >>> albedo_of(np.stack([thin / 2] * 3), thin).tolist()[0]
+    [0.0, 0.5]
+    >>> albedo_of(np.stack([thin / 2] * 3), thin, at_zero="divide").tolist()[0]
+    [nan, 0.5]
+    """
+    if at_zero == "divide":
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(scattering / extinction)
+    shape = np.broadcast_shapes(scattering.shape, extinction.shape)
+    result: Field = np.divide(scattering, extinction, out=np.zeros(shape, scattering.dtype), where=extinction > 0.0)
+    return result
+
+
 def pack_v_buffer(vbuffer: VBuffer, *, albedo_at_zero: str = "zero") -> tuple[Field, Field]:
     """Lay the V-Buffer out as the thesis's two textures.
 
@@ -402,10 +438,7 @@ def pack_v_buffer(vbuffer: VBuffer, *, albedo_at_zero: str = "zero") -> tuple[Fi
     scattering, extinction, emission, anisotropy, _ = vbuffer
     if extinction.ndim == scattering.ndim:
         raise InputError("extinction", "is RGB, must be one number for the layout of table 3.2")
-    with np.errstate(invalid="ignore", divide="ignore"):
-        albedo = scattering / extinction
-    if albedo_at_zero == "zero":
-        albedo = np.where(extinction > 0.0, albedo, 0.0).astype(scattering.dtype, copy=False)
+    albedo = albedo_of(scattering, extinction, at_zero=albedo_at_zero)
     return _interleave(albedo, extinction), _interleave(emission, anisotropy)
 
 

@@ -61,6 +61,7 @@ QUANTITIES: dict[str, Quantity] = {
     "surface/albedo": Quantity("cyx", "1", "Lambert reflectance of that surface"),
     "surface/radiance": Quantity("cyx", RADIANCE, "radiance that leaves the surface, or the background"),
     "media/scattering": Quantity("czyx", "1/m", "scattering coefficient at the froxel's sample"),
+    "media/albedo": Quantity("czyx", "1", "scattering over extinction (switch albedo_at_zero where both are 0)"),
     "media/extinction": Quantity("zyx", "1/m", "extinction coefficient at the froxel's sample"),
     "media/emission": Quantity("czyx", PER_METRE, "emission at the froxel's sample"),
     "media/phase_anisotropy": Quantity("zyx", "1", "phase anisotropy g at the froxel's sample"),
@@ -79,13 +80,18 @@ QUANTITIES: dict[str, Quantity] = {
 
 @dataclass(frozen=True)
 class Job:
-    """What every stage may look at: the scene, the settings, the files' arrays, and how to run."""
+    """What every stage may look at: the scene, the settings, the files' arrays, and how to run.
+
+    ``full`` forces every part with fields that carry all their axes; ``asked`` names the results to keep,
+    for a stage that has some which no other stage reads.
+    """
 
     scene: Scene
     settings: Settings
     assets: Assets
     threads: int | None = None
     full: bool = False
+    asked: frozenset[str] = frozenset()
 
     @property
     def dtype(self) -> np.dtype[np.floating]:
@@ -218,7 +224,8 @@ def _media_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
 
 def _neutral_media(job: Job) -> dict[str, Field]:
     black, nothing = _constant(job, "czyx", BLACK), _constant(job, "zyx", 0.0)
-    return {"media/scattering": black, "media/extinction": nothing, "media/emission": black,
+    albedo = media.albedo_of(black, nothing, at_zero=job.settings.albedo_at_zero)
+    return {"media/albedo": albedo, "media/scattering": black, "media/extinction": nothing, "media/emission": black,
             "media/phase_anisotropy": nothing} | _lobes((), job.dtype)
 
 
@@ -241,6 +248,9 @@ def _run_media(job: Job, results: Results) -> dict[str, Field]:
         shape = (job.settings.grid.depth, job.settings.grid.height, job.settings.grid.width)
         fields = {name: np.ascontiguousarray(np.broadcast_to(field, field.shape[:-3] + shape))
                   for name, field in fields.items()}
+    if "media/albedo" in job.asked:
+        fields["media/albedo"] = media.albedo_of(fields["media/scattering"], fields["media/extinction"],
+                                                 at_zero=job.settings.albedo_at_zero)
     return fields | _lobes(buffer.lobes, job.dtype)
 
 
@@ -376,7 +386,7 @@ STAGES: tuple[Stage, ...] = (
           _needs_integrate, lambda job: {"grid/slice_depth": job.froxels.boundaries[1:, 0, 0]}, _run_grid),
     Stage("surface", "the nearest opaque surface and its Lambert shading", (), _SURFACE,
           _needs_surface, _neutral_surface, _run_surface),
-    Stage("media", "the V-Buffer: material of the media at each froxel", (), _MEDIA,
+    Stage("media", "the V-Buffer: material of the media at each froxel", (), (*_MEDIA, "media/albedo"),
           _needs_media, _neutral_media, _run_media, _media_parts),
     Stage("lighting", "light scattered towards the camera at each froxel", _MEDIA,
           ("lighting/in_scattering",), _needs_lighting,

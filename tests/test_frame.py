@@ -114,6 +114,18 @@ def test_uniform_medium_any_extinction(extinction: float, g: float, fov: float) 
     assert np.all(error <= 4 * steps)
 
 
+def test_albedo_of_nothing() -> None:
+    """D1: where there is no medium the published V-Buffer divides 0 by 0, the corrected one has 0."""
+    for albedo_at_zero in ("zero", "divide"):
+        scene, how = small("two-volumes", albedo_at_zero=albedo_at_zero)
+        clear = dataclasses.replace(scene, global_media=())
+        frame = run_frame(clear, how, outputs=["media/albedo", "media/extinction"])
+        empty = np.broadcast_to(frame["media/extinction"] == 0, frame["media/albedo"].shape)
+        assert empty.any()
+        assert np.isnan(frame["media/albedo"][empty]).all() == (albedo_at_zero == "divide")
+        assert np.isfinite(frame["media/albedo"][~empty]).all()
+
+
 def test_vacuum_is_exact() -> None:
     scene, how = small("vacuum")
     for force_all in (False, True):
@@ -246,7 +258,7 @@ def test_estimate_is_the_sum_of_all_results_at_full_size() -> None:
     camera, g = scene.camera, how.grid
     volume, image, face = g.width * g.height * g.depth, camera.width * camera.height, g.width * g.height
     assert frame["lighting/in_scattering"].size == 3 * volume
-    media, lobes, lighting, integrated = 3 + 1 + 3 + 1, 3, 3, 3 + 1
+    media, lobes, lighting, integrated = 3 + 3 + 1 + 3 + 1, 3, 3, 3 + 1
     by_hand = 8 * ((media + lobes + lighting + integrated) * volume + g.depth + 1 + (3 + 1) * face
                    + (1 + 3 + 3 + 3 + 3 + 1 + 3) * image)
     assert estimate_bytes(scene, how) == by_hand
