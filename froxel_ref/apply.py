@@ -7,18 +7,19 @@ from numpy.typing import NDArray
 
 from froxel_ref.arrays import Field
 from froxel_ref.buffers import Integrated
-from froxel_ref.grid import depth_to_slice
+from froxel_ref.grid import depth_to_slice, slice_to_depth
 from froxel_ref.records import InputError
 from froxel_ref.sampling import fetch_trilinear
-from froxel_ref.settings import Grid
+from froxel_ref.settings import SWITCHES, Grid
 
 __all__ = ["LOOKUPS", "composite", "lookup_fog"]
 
-LOOKUPS = ("boundary", "centre")
+LOOKUPS = tuple(dict.fromkeys(SWITCHES["lookup"]))
+NEAR_SURFACES = tuple(dict.fromkeys(SWITCHES["near_surface"]))
 
 
 def lookup_fog(integrated: Integrated, grid: Grid, depth_image: Field, *, lookup: str = "boundary",
-               threads: int | None = None) -> tuple[Field, Field]:
+               near_surface: str = "fog", threads: int | None = None) -> tuple[Field, Field]:
     """Find the fog between the camera and the surface that each pixel shows.
 
     Parameters
@@ -31,7 +32,10 @@ def lookup_fog(integrated: Integrated, grid: Grid, depth_image: Field, *, lookup
         [m] View depth at the pixels' centres, at least 0; beyond the grid (also ∞) stands the fog of the
         last boundary. The image covers the grid's whole view, whatever its size.
     lookup : {"boundary", "centre"}, default "boundary"
-        Where along z the stored values stand; see the notes. Published: "centre" (D4, A11).
+        Where along z the stored values stand; see the notes. Published: "centre" (D4).
+    near_surface : {"fog", "first_slice"}, default "fog"
+        What a surface has that is nearer than the first stored value: the fog in front of it, or all of the
+        first slice's. Published: "first_slice" (A11).
     threads : int, optional
         Default: one per core. The result is the same to the last bit.
 
@@ -56,8 +60,8 @@ def lookup_fog(integrated: Integrated, grid: Grid, depth_image: Field, *, lookup
         of the near boundary. At a boundary this returns what is stored; elsewhere it is of second order in
         the slice's depth.
     ``centre`` : the value stored for slice k stands at k + ½, as a texture unit has it, so every lookup
-        finds the fog of half a slice more (D4: at most ½·S·d of light too much, of first order), and all
-        that is nearer than the first centre has the first slice's fog (A11).
+        finds the fog of half a slice more (D4: at most ½·S·d of light too much, of first order). In front
+        of the first centre it is linear in depth.
 
     A NaN depth gives NaN.
 
@@ -70,16 +74,18 @@ def lookup_fog(integrated: Integrated, grid: Grid, depth_image: Field, *, lookup
     >>> depth = np.array([[0.0, 1.0, 1.5, 2.0, 2.5, np.inf]])
     >>> lookup_fog(fog, grid, depth)[1]
     array([[1.   , 1.   , 0.75 , 0.5  , 0.375, 0.25 ]])
-    >>> lookup_fog(fog, grid, depth, lookup="centre")[1]
+    >>> lookup_fog(fog, grid, depth, lookup="centre", near_surface="first_slice")[1]
     array([[0.5  , 0.5  , 0.5  , 0.375, 0.25 , 0.25 ]])
     """
     if lookup not in LOOKUPS:
         raise InputError("lookup", f"is {lookup!r}, must be one of {', '.join(LOOKUPS)}")
+    if near_surface not in NEAR_SURFACES:
+        raise InputError("near_surface", f"is {near_surface!r}, must be one of {', '.join(NEAR_SURFACES)}")
     dtype = integrated.radiance.dtype
     height, width = depth_image.shape
     x = ((np.arange(width) + 0.5) * (grid.width / width)).astype(dtype)
     y = ((np.arange(height) + 0.5) * (grid.height / height)).reshape(-1, 1).astype(dtype)
-    z = _texel_depth(depth_image, grid, lookup).astype(dtype)
+    z = _texel_depth(depth_image, grid, lookup, near_surface).astype(dtype)
     radiance, transmittance = (
         fetch_trilinear(_texels(values, front, at_camera, grid, lookup), x, y, z, threads=threads)
         for values, front, at_camera in (
@@ -88,21 +94,33 @@ def lookup_fog(integrated: Integrated, grid: Grid, depth_image: Field, *, lookup
     return radiance, transmittance
 
 
-def _texel_depth(depth: Field, grid: Grid, lookup: str) -> NDArray[np.float64]:
-    """Coordinate along z of the texture that `_texels` builds; texel i has its centre at i + ½."""
+def _texel_depth(depth: Field, grid: Grid, lookup: str, near_surface: str) -> NDArray[np.float64]:
+    """Coordinate along z of the texture that `_texels` builds; texel i has its centre at i + ½.
+
+    The texture begins with the camera's clear air, then has the front's values ("boundary" only), then the
+    stored ones; ``first`` is the depth of the texel after the camera's.
+    """
+    s = depth_to_slice(np.clip(depth, grid.near, grid.far), grid)
     if lookup == "centre":
-        return depth_to_slice(np.clip(depth, grid.near, grid.far), grid)
-    beyond = depth_to_slice(np.clip(depth, grid.near, grid.far), grid) + 1.0
-    return np.where(depth < grid.near, depth / grid.near, beyond) + 0.5
+        first, position = float(slice_to_depth(0.5, grid)), s + 1.0
+        nearest = 1.5
+    else:
+        first, position = grid.near, s + 1.5
+        nearest = 2.5
+    if near_surface == "first_slice":
+        return np.maximum(position, nearest)
+    return np.where(depth < first, depth / first + 0.5, position)
 
 
 def _texels(values: Field, front: Field, at_camera: float, grid: Grid, lookup: str) -> Field:
     """The texture to fetch from: the stored values, with the camera's and the front's before them."""
-    if lookup == "centre" or values.shape[-3] < grid.depth:  # fewer: one texel stands for all depths
+    if values.shape[-3] < grid.depth:  # one texel stands for all depths
         return values
     shape = (*values.shape[:-3], 1, *values.shape[-2:])
-    nearest = np.broadcast_to(np.asarray(at_camera, values.dtype), shape)
-    return np.concatenate([nearest, np.broadcast_to(front[..., np.newaxis, :, :], shape), values], axis=-3)
+    before = [np.broadcast_to(np.asarray(at_camera, values.dtype), shape)]
+    if lookup == "boundary":
+        before.append(np.broadcast_to(front[..., np.newaxis, :, :], shape))
+    return np.concatenate([*before, values], axis=-3)
 
 
 def composite(scene_radiance: Field, fog_radiance: Field, fog_transmittance: Field) -> Field:
@@ -125,7 +143,8 @@ def composite(scene_radiance: Field, fog_radiance: Field, fog_transmittance: Fie
     Notes
     -----
     [Dörries 2020, eq. 2.11 and listing 3.5]. D5: its eq. 2.9 has the surface's term inside the integral
-    over the ray, which would add it once per metre; it stands outside, as here and in the listing.
+    over the ray, which adds it once per metre; who has it so passes ∫T dt along the ray [m] instead of T:
+    what `froxel_ref.integrate.integrate` gives for a source of 1.
 
     Examples
     --------

@@ -6,6 +6,7 @@ every stage that this scene does not need, and says why. A dropped stage stands 
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -15,6 +16,7 @@ import numpy as np
 
 from froxel_ref.arrays import Field
 from froxel_ref.assets import Assets, load_assets
+from froxel_ref.lights import with_intensities
 from froxel_ref.records import InputError, suggest
 from froxel_ref.scene import Scene
 from froxel_ref.settings import Settings
@@ -93,14 +95,18 @@ def estimate_bytes(scene: Scene, settings: Settings) -> int:
     Examples
     --------
     >>> estimate_bytes(Scene(), Settings()) // 10**6
-    225
+    203
     """
     sizes = {"x": settings.grid.width, "y": settings.grid.height, "z": settings.grid.depth}
     image = {"x": scene.camera.width, "y": scene.camera.height}
+    media = scene.global_media + scene.local_media
+    lobes = len({medium.phase_anisotropy for medium in media}) if settings.phase_mixing == "mixture" else 0
+    tints = 3 if any(isinstance(medium.extinction, tuple) for medium in media) else 1
     total = 0
-    for quantity in QUANTITIES.values():
-        size = {"c": 3, "l": 1} | (sizes if "z" in quantity.axes or quantity.on_grid else image)
-        total += int(np.prod([size[axis] for axis in quantity.axes], dtype=object))
+    for name, quantity in QUANTITIES.items():
+        size = {"c": 3, "l": lobes} | (sizes if "z" in quantity.axes or quantity.on_grid else image)
+        tinted = name.endswith(("extinction", "transmittance"))
+        total += math.prod(size[axis] for axis in quantity.axes) * (tints if tinted else 1)
     return total * np.dtype(settings.precision).itemsize
 
 
@@ -215,7 +221,8 @@ def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets 
     the_plan = plan(scene, settings, outputs, force_all=force_all)
     if assets is None:
         assets = load_assets(scene, None)
-    job = Job(scene, settings, assets, threads, force_all, frozenset(the_plan.outputs))
+    job = Job(with_intensities(scene, settings.light_power), settings, assets, threads, force_all,
+              frozenset(the_plan.outputs))
     if force_all:
         job = forced(job)
     running = [planned.stage for planned in the_plan.stages if planned.runs]

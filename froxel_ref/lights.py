@@ -7,6 +7,7 @@ evaluates along camera rays; surfaces and the truth call `light_at` on points.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -15,14 +16,16 @@ from numpy.typing import NDArray
 
 from froxel_ref.arrays import Field, Points
 from froxel_ref.records import InputError
-from froxel_ref.scene import DirectionalLight, Light, PointLight, Rgb, SpotLight
+from froxel_ref.scene import DirectionalLight, Light, PointLight, Rgb, Scene, SpotLight
+from froxel_ref.settings import SWITCHES
 
 __all__ = [
     "ATTENUATIONS", "Cone", "colour", "cone_attenuation", "distance_attenuation", "light_at",
     "point_intensity", "smallest_d2", "spot_cone", "spot_intensity", "unit",
+    "with_intensities", "with_intensity",
 ]
 
-ATTENUATIONS = ("min_distance", "inverse_radius")
+ATTENUATIONS = tuple(dict.fromkeys(SWITCHES["attenuation"]))
 
 Cone = tuple[float, float]
 """Scale and offset of a spot light's cone: the factor is sat(cos·scale + offset)²."""
@@ -30,6 +33,8 @@ Cone = tuple[float, float]
 
 def colour(light: Light) -> NDArray[np.float64]:
     """What the factor of `light_at` multiplies: irradiance of a directional light, intensity of the others.
+
+    A light that is given by its power counts as `with_intensity` makes it.
 
     Parameters
     ----------
@@ -46,11 +51,81 @@ def colour(light: Light) -> NDArray[np.float64]:
     >>> colour(PointLight(position=(0, 0, 0), intensity=(1, 2, 3)))
     array([1., 2., 3.])
     """
-    return np.array(light.irradiance if isinstance(light, DirectionalLight) else light.intensity)
+    if isinstance(light, DirectionalLight):
+        return np.array(light.irradiance)
+    return np.array(with_intensity(light).intensity)
+
+
+def with_intensity(light: PointLight, *, convention: str = "solid_angle") -> PointLight:
+    """A light given by its intensity, from one given by its power.
+
+    Parameters
+    ----------
+    light : PointLight or SpotLight
+        With an intensity [W sr⁻¹], then returned as it is, or with a power [W].
+    convention : {"solid_angle", "author"}
+        Of a spot light, see `spot_intensity` (A6).
+
+    Returns
+    -------
+    PointLight or SpotLight
+
+    Raises
+    ------
+    InputError
+        For an unknown ``convention``.
+
+    Examples
+    --------
+    >>> with_intensity(PointLight(position=(0, 0, 0), power=(4 * math.pi, 0, 0))).intensity
+    (1.0, 0.0, 0.0)
+    """
+    if light.power is None:
+        return light
+    intensity = (spot_intensity(light.power, light.inner_angle, light.outer_angle, convention=convention)
+                 if isinstance(light, SpotLight) else point_intensity(light.power))
+    return dataclasses.replace(light, intensity=intensity, power=None)
+
+
+def with_intensities(scene: Scene, convention: str = "solid_angle") -> Scene:
+    """A scene whose point and spot lights are all given by their intensity.
+
+    Parameters
+    ----------
+    scene : Scene
+    convention : {"solid_angle", "author"}
+        Of spot lights given by their power, see `spot_intensity` (A6).
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    InputError
+        For an unknown ``convention``.
+
+    Examples
+    --------
+    >>> lamp = PointLight(position=(0, 0, 0), power=(4 * math.pi, 0, 0))
+    >>> with_intensities(Scene(lights=(lamp,))).lights[0].intensity
+    (1.0, 0.0, 0.0)
+    """
+    lights = tuple(with_intensity(light, convention=convention) if isinstance(light, PointLight) else light
+                   for light in scene.lights)
+    return scene if lights == scene.lights else dataclasses.replace(scene, lights=lights)
 
 
 def unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
     """A vector of length 1, from one of any finite length but zero.
+
+    Parameters
+    ----------
+    vector : (float, float, float)
+
+    Returns
+    -------
+    (float, float, float)
 
     Examples
     --------

@@ -20,7 +20,7 @@ from froxel_ref.density import Placed, density, density_at, place
 from froxel_ref.grid import Froxels, corner_bounds, froxel_points
 from froxel_ref.records import InputError
 from froxel_ref.scene import LocalMedium, Medium, NoiseDensity, Rgb, Scene, VolumeDensity
-from froxel_ref.settings import Settings
+from froxel_ref.settings import SWITCHES, Settings
 
 __all__ = ["VBuffer", "albedo_of", "contributing", "density", "media_at", "pack_v_buffer", "voxelise"]
 
@@ -281,8 +281,9 @@ def voxelise(scene: Scene, froxels: Froxels, textures: Textures, settings: Setti
     terms = [term for term in terms if term.bounds is None or term.bounds[0].stop > term.bounds[0].start]
     whole = {name: channels for name, channels in names.items() if _is_full(name, terms, froxels)}
     small = {name: channels for name, channels in names.items() if name not in whole}
-    everywhere = [term for term in terms if term.bounds is None]
-    sums = _sums(everywhere, small, froxel_points(froxels), settings)
+    everywhere = [term for term in terms if term.bounds is None and any(name in small for name in term.factors)]
+    points = froxel_points(froxels) if everywhere else froxel_points(froxels, *(slice(0, 1),) * 3)
+    sums = _sums(everywhere, small, points, settings)
     mean = "anisotropy" if "anisotropy" in names else "member_anisotropy"
     sums |= _fill(terms, whole, froxels, settings, media, mean, threads, block)
     if mean in small:
@@ -378,12 +379,16 @@ def albedo_of(scattering: Field, extinction: Field, *, at_zero: str = "zero") ->
     Returns
     -------
     Field, shape (3, …) [1]
-        Scattering was rounded once and so is this: within 1 ulp of the authored albedo where media do
-        not overlap.
+
+    Raises
+    ------
+    InputError
+        For another word.
 
     Notes
     -----
-    [Dörries 2020, listing 3.1, table 3.2].
+    [Dörries 2020, listing 3.1, table 3.2]. Of a single medium it is the authored albedo within 4 ulp:
+    albedo·extinction, its product with the density, extinction's, and this quotient are rounded.
 
     Examples
     --------
@@ -393,6 +398,9 @@ def albedo_of(scattering: Field, extinction: Field, *, at_zero: str = "zero") ->
     >>> albedo_of(np.stack([thin / 2] * 3), thin, at_zero="divide").tolist()[0]
     [nan, 0.5]
     """
+    if at_zero not in SWITCHES["albedo_at_zero"]:
+        words = dict.fromkeys(SWITCHES["albedo_at_zero"])
+        raise InputError("albedo_at_zero", f"is {at_zero!r}, must be one of {', '.join(words)}")
     if at_zero == "divide":
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(scattering / extinction)

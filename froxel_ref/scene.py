@@ -14,17 +14,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from froxel_ref.records import (
-    InputError,
-    Record,
-    choice,
-    integer,
-    many,
-    nested,
-    number,
-    text,
-    vector,
-)
+from froxel_ref.kinds import choice, integer, many, nested, number, text, vector
+from froxel_ref.records import InputError, Record
 
 Rgb = tuple[float, float, float]
 Vec3 = tuple[float, float, float]
@@ -186,7 +177,7 @@ class DensityTexture(Record):
 class Medium(Record):
     """A participating medium without bounds."""
 
-    name: str = text("", "shown in plans and messages")
+    name: str = text("", "for the reader")
     albedo: Rgb = vector(WHITE, "scattering over extinction", at_least=0.0, at_most=1.0)
     extinction: float | Rgb = vector(0.01, "extinction at density 1", unit="1/m", spread=True, at_least=0.0)
     emissive: Rgb = vector(
@@ -215,7 +206,7 @@ class DirectionalLight(Record):
     """A light at infinity, such as the sun."""
 
     kind: ClassVar[str] = "directional"
-    name: str = text("", "shown in plans and messages")
+    name: str = text("", "for the reader")
     direction: Vec3 = vector(about="from the scene towards the light (L)")
     irradiance: Rgb = vector(about="on a surface that faces the light", unit="W/m^2", at_least=0.0)
 
@@ -228,14 +219,22 @@ class PointLight(Record):
     """A light that shines alike in all directions."""
 
     kind: ClassVar[str] = "point"
-    name: str = text("", "shown in plans and messages")
+    name: str = text("", "for the reader")
     position: Vec3 = vector(about="world position", unit="m")
-    intensity: Rgb = vector(about="radiant intensity", unit="W/sr", at_least=0.0)
+    intensity: Rgb | None = vector(None, "radiant intensity", unit="W/sr", at_least=0.0, optional=True)
+    power: Rgb | None = vector(
+        None, "radiant power, instead of intensity (see Settings: light_power)", unit="W", at_least=0.0,
+        optional=True)
     radius: float = number(16.0, "distance at which the window reaches zero", unit="m", above=0.0)
     falloff: str = choice("windowed", "inverse_square", default="windowed",
                           about="inverse square times sat(1 − (d/radius)⁴)², or without that window")
     min_distance: float = number(
         0.01, "distance below which the irradiance stops growing", unit="m", above=0.0)
+
+    def check_together(self) -> None:
+        if (self.intensity is None) == (self.power is None):
+            both = "is given beside power, must be given instead of it" if self.power else "is missing (or power)"
+            raise InputError("intensity", both)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,6 +248,7 @@ class SpotLight(PointLight):
     outer_angle: float = number(30.0, "half angle of the cone", unit="degrees", above=0.0, below=90.0)
 
     def check_together(self) -> None:
+        super().check_together()
         _must_point(self.direction, "direction")
         if not self.inner_angle < self.outer_angle:
             raise InputError(
@@ -292,7 +292,7 @@ class Plane(Record):
     """An infinite Lambert plane, seen from both sides."""
 
     kind: ClassVar[str] = "plane"
-    name: str = text("", "shown in plans and messages")
+    name: str = text("", "for the reader")
     albedo: Rgb = vector((0.5, 0.5, 0.5), "Lambert reflectance", at_least=0.0, at_most=1.0)
     point: Vec3 = vector(BLACK, "a point of the plane", unit="m")
     normal: Vec3 = vector((0.0, 1.0, 0.0), "its normal")
@@ -306,7 +306,7 @@ class Box(Record):
     """The Lambert surface of the cube [−1, 1]³ under a transform."""
 
     kind: ClassVar[str] = "box"
-    name: str = text("", "shown in plans and messages")
+    name: str = text("", "for the reader")
     albedo: Rgb = vector((0.5, 0.5, 0.5), "Lambert reflectance", at_least=0.0, at_most=1.0)
     transform: Transform = nested(Transform, default=Transform(), about="world_from_local")
 
@@ -316,7 +316,7 @@ class Sphere(Record):
     """A Lambert sphere."""
 
     kind: ClassVar[str] = "sphere"
-    name: str = text("", "shown in plans and messages")
+    name: str = text("", "for the reader")
     albedo: Rgb = vector((0.5, 0.5, 0.5), "Lambert reflectance", at_least=0.0, at_most=1.0)
     center: Vec3 = vector(BLACK, "its centre", unit="m")
     radius: float = number(1.0, "its radius", unit="m", above=0.0)
@@ -344,7 +344,7 @@ class HeightField(Record):
     """A Lambert surface z = h(x, y) over [−1, 1]² in local space: two triangles a cell, two-sided."""
 
     kind: ClassVar[str] = "height_field"
-    name: str = text("", "shown in plans and messages")
+    name: str = text("", "for the reader")
     albedo: Rgb = vector((0.5, 0.5, 0.5), "Lambert reflectance", at_least=0.0, at_most=1.0)
     heights: Folds | HeightsFile = nested(Folds, HeightsFile, about="where the heights come from")
     transform: Transform = nested(Transform, default=Transform(), about="world_from_local")
@@ -355,7 +355,7 @@ class Mesh(Record):
     """A Lambert triangle mesh from a file (needs the extra ``mesh``)."""
 
     kind: ClassVar[str] = "mesh"
-    name: str = text("", "shown in plans and messages")
+    name: str = text("", "for the reader")
     albedo: Rgb = vector((0.5, 0.5, 0.5), "Lambert reflectance", at_least=0.0, at_most=1.0)
     path: str = text(about=".obj, .ply or .glb file, relative to the scene's folder")
     transform: Transform = nested(Transform, default=Transform(), about="world_from_local")

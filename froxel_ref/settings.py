@@ -6,7 +6,8 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from froxel_ref.records import InputError, Record, choice, integer, nested, number
+from froxel_ref.kinds import choice, integer, nested, number
+from froxel_ref.records import InputError, Record
 
 DISTRIBUTIONS = ("exponential", "linear")
 PHASE_FUNCTIONS = ("henyey_greenstein", "isotropic", "rayleigh", "schlick", "cornette_shanks",
@@ -35,11 +36,14 @@ SWITCHES: dict[str, tuple[str, ...]] = {
     "albedo_at_zero": ("zero", "divide", "divide"),                             # D1
     "emission": ("per_metre", "published", "published", "absorption"),          # D2
     "integrator": ("analytic", "published", "published", "simple"),             # D3
-    "lookup": ("boundary", "centre", "centre"),                                 # D4, A11
+    "lookup": ("boundary", "centre", "centre"),                                 # D4
+    "near_surface": ("fog", "first_slice", "first_slice"),                      # A11
+    "surface_term": ("outside", "outside", "outside", "inside"),                # D5
     "integrate_from": ("camera", "near", "near"),                               # D6
     "phase_mixing": ("weighted", "mean", "mean", "mixture"),                    # D12
     "density_addressing": ("wrap", "wrap", "clamp"),                            # A5
     "attenuation": ("min_distance", "min_distance", "inverse_radius"),          # A6
+    "light_power": ("solid_angle", "solid_angle", "author"),                    # A6
     "ambient": ("scene", "scene", "constant"),                                  # A7
     "exposure": ("display", "display", "lighting"),                             # A12
 }
@@ -59,7 +63,11 @@ class Switches(Record):
     emission: str | None = _switch(
         "emission", "D2: authored per metre, or σ_a·L_e, or σ_s·L_e as listing 3.2 has it")
     integrator: str | None = _switch("integrator", "D3: slice integral [Dörries 2020, listings 3.3, 3.4]")
-    lookup: str | None = _switch("lookup", "D4, A11: stored values belong to slice boundaries, or to centres")
+    lookup: str | None = _switch("lookup", "D4: stored values belong to slice boundaries, or to centres")
+    near_surface: str | None = _switch(
+        "near_surface", "A11: surfaces in the first slice have the fog in front of them, or all of the slice's")
+    surface_term: str | None = _switch(
+        "surface_term", "D5: the surface's light times the transmittance, or inside the integral as eq. 2.9 has it")
     integrate_from: str | None = _switch(
         "integrate_from", "D6: fog begins at the camera, or at the near boundary")
     phase_mixing: str | None = _switch(
@@ -67,6 +75,8 @@ class Switches(Record):
     density_addressing: str | None = _switch(
         "density_addressing", "A5: density textures wrap, or clamp after frac()")
     attenuation: str | None = _switch("attenuation", "A6: d² bounded below by min_distance², or by 1/radius²")
+    light_power: str | None = _switch(
+        "light_power", "A6: a light's power spreads over its own solid angle, or a spot light's over π")
     ambient: str | None = _switch("ambient", "A7: the scene's ambient radiance, or the constant (1/π)/(4π)")
     exposure: str | None = _switch(
         "exposure", "A12: exposure on display only, or multiplied into the lighting")

@@ -24,14 +24,17 @@ from froxel_ref.scene import (
     BLACK,
     DensityTexture,
     DirectionalLight,
+    ExtraLights,
     HeightFog,
     LocalMedium,
     Medium,
+    PointLight,
     Scene,
+    Sphere,
     Transform,
     VolumeDensity,
 )
-from froxel_ref.settings import Settings
+from froxel_ref.settings import Settings, replace
 
 __all__ = ["FINAL", "QUANTITIES", "STAGES", "Job", "Part", "Quantity", "Stage", "forced"]
 
@@ -189,9 +192,10 @@ def _run_surface(job: Job, results: Results) -> dict[str, Field]:
     if job.scene.image_buffers is not None:
         hits, radiance = surface.imported(job.assets, job.scene, dtype=job.dtype)
     else:
-        hits = surface.find_surfaces(job.scene.surfaces, job.image_rays, job.assets, threads=job.threads)
+        hits = surface.find_surfaces(job.scene.surfaces, job.image_rays, job.assets, threads=job.threads,
+                                     restrict=not job.full)
         radiance = surface.shade(hits, job.image_rays, job.scene, attenuation=job.settings.attenuation,
-                                 visibility=_unshadowed(job), threads=job.threads)
+                                 visibility=_unshadowed(job), threads=job.threads, restrict=not job.full)
     return {"surface/depth": hits.depth, "surface/normal": hits.normal, "surface/albedo": hits.albedo,
             "surface/radiance": radiance}
 
@@ -224,8 +228,7 @@ def _media_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
 
 def _neutral_media(job: Job) -> dict[str, Field]:
     black, nothing = _constant(job, "czyx", BLACK), _constant(job, "zyx", 0.0)
-    albedo = media.albedo_of(black, nothing, at_zero=job.settings.albedo_at_zero)
-    return {"media/albedo": albedo, "media/scattering": black, "media/extinction": nothing, "media/emission": black,
+    return {"media/albedo": black, "media/scattering": black, "media/extinction": nothing, "media/emission": black,
             "media/phase_anisotropy": nothing} | _lobes((), job.dtype)
 
 
@@ -242,14 +245,17 @@ def _lobes(lobes: tuple[tuple[Field, float], ...], dtype: np.dtype[np.floating])
 def _run_media(job: Job, results: Results) -> dict[str, Field]:
     buffer = media.voxelise(job.scene, job.froxels, job.assets.textures, job.settings, threads=job.threads,
                             restrict=not job.full)
-    fields = {"media/scattering": buffer.scattering, "media/extinction": buffer.extinction,
+    scattering = buffer.scattering
+    if job.settings.albedo_at_zero == "divide":  # D1: listing 3.2 recovers σ_s from the albedo
+        scattering = media.albedo_of(scattering, buffer.extinction, at_zero="divide") * buffer.extinction
+    fields = {"media/scattering": scattering, "media/extinction": buffer.extinction,
               "media/emission": buffer.emission, "media/phase_anisotropy": buffer.phase_anisotropy}
     if job.full:
         shape = (job.settings.grid.depth, job.settings.grid.height, job.settings.grid.width)
         fields = {name: np.ascontiguousarray(np.broadcast_to(field, field.shape[:-3] + shape))
                   for name, field in fields.items()}
     if "media/albedo" in job.asked:
-        fields["media/albedo"] = media.albedo_of(fields["media/scattering"], fields["media/extinction"],
+        fields["media/albedo"] = media.albedo_of(buffer.scattering, buffer.extinction,
                                                  at_zero=job.settings.albedo_at_zero)
     return fields | _lobes(buffer.lobes, job.dtype)
 
@@ -260,7 +266,7 @@ def _run_media(job: Job, results: Results) -> dict[str, Field]:
 def _needs_shadow(scene: Scene, settings: Settings) -> Need:
     if not scene.surfaces:
         return False, "the scene has nothing that casts a shadow"
-    return False, "settings.shadows is off"
+    return False, "this version has no shadows yet"
 
 
 def _unshadowed(job: Job) -> Visibility | None:
@@ -313,7 +319,8 @@ def _run_lighting(job: Job, results: Results) -> dict[str, Field]:
         _v_buffer(results), scene.all_lights, job.froxels, ambient=scene.ambient,
         phase_function=settings.phase_function, second_lobe=settings.second_lobe, emission=settings.emission,
         attenuation=settings.attenuation, ambient_term=settings.ambient, visibility=_unshadowed(job),
-        exposure=scene.camera.exposure if settings.exposure == "lighting" else 1.0, threads=job.threads)
+        exposure=scene.camera.exposure if settings.exposure == "lighting" else 1.0, threads=job.threads,
+        restrict=not job.full)
     return {"lighting/in_scattering": light}
 
 
@@ -345,8 +352,14 @@ def _run_integrate(job: Job, results: Results) -> dict[str, Field]:
 # --- apply ------------------------------------------------------------------------------------------
 
 
+def _needs_fog(scene: Scene, settings: Settings) -> Need:
+    if settings.surface_term == "inside":
+        return True, "the surface's light is inside the integral (D5)"
+    return _needs_integrate(scene, settings)
+
+
 def _apply_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
-    fog, _ = _needs_integrate(scene, settings)
+    fog, _ = _needs_fog(scene, settings)
     return (Part("fog lookup", fog, "at each pixel's depth" if fog else "the scene has no fog to look up"),
             Part("surface", *_needs_surface(scene, settings)))
 
@@ -355,7 +368,7 @@ def _run_apply(job: Job, results: Results) -> dict[str, Field]:
     radiance = results["surface/radiance"]
     if job.settings.exposure == "lighting":
         radiance = radiance * job.dtype.type(job.scene.camera.exposure)
-    if not (_needs_integrate(job.scene, job.settings)[0] or job.full):
+    if not (_needs_fog(job.scene, job.settings)[0] or job.full):
         return {"apply/fog_radiance": _constant(job, "cyx", BLACK),
                 "apply/fog_transmittance": _constant(job, "yx", 1.0), FINAL: radiance}
     integrated = Integrated(*(results[name] for name in _INTEGRATED))
@@ -363,10 +376,26 @@ def _run_apply(job: Job, results: Results) -> dict[str, Field]:
     depth = results["surface/depth"]
     if depth.size == 1:
         depth = np.broadcast_to(depth, (camera.height, camera.width))
-    fog, transmittance = apply.lookup_fog(integrated, job.settings.grid, depth,
-                                          lookup=job.settings.lookup, threads=job.threads)
+    fog, transmittance = _looked_up(job, integrated, depth)
+    surface_share = transmittance
+    if job.settings.surface_term == "inside":
+        surface_share, _ = _looked_up(job, _path(job, results["media/extinction"]), depth)
     return {"apply/fog_radiance": fog, "apply/fog_transmittance": transmittance,
-            FINAL: apply.composite(radiance, fog, transmittance)}
+            FINAL: apply.composite(radiance, fog, surface_share)}
+
+
+def _looked_up(job: Job, integrated: Integrated, depth: Field) -> tuple[Field, Field]:
+    how = job.settings
+    return apply.lookup_fog(integrated, how.grid, depth, lookup=how.lookup, near_surface=how.near_surface,
+                            threads=job.threads)
+
+
+def _path(job: Job, extinction: Field) -> Integrated:
+    """∫T dt along each ray [m], as the radiance that a source of 1 gives (D5)."""
+    step, length = grid.step_lengths(job.froxels)
+    source = np.ones((3, 1, 1, 1), job.dtype)
+    return integrate.integrate(source, extinction, step, length, near=job.settings.grid.near,
+                               integrate_from=job.settings.integrate_from, threads=job.threads)
 
 
 # --- the table --------------------------------------------------------------------------------------
@@ -383,7 +412,7 @@ def _always(scene: Scene, settings: Settings) -> Need:
 
 STAGES: tuple[Stage, ...] = (
     Stage("grid", "froxels: slices of view depth", (), ("grid/slice_depth",),
-          _needs_integrate, lambda job: {"grid/slice_depth": job.froxels.boundaries[1:, 0, 0]}, _run_grid),
+          _always, lambda job: {}, _run_grid),
     Stage("surface", "the nearest opaque surface and its Lambert shading", (), _SURFACE,
           _needs_surface, _neutral_surface, _run_surface),
     Stage("media", "the V-Buffer: material of the media at each froxel", (), (*_MEDIA, "media/albedo"),
@@ -395,7 +424,8 @@ STAGES: tuple[Stage, ...] = (
     Stage("integrate", "radiance and transmittance from the camera to each slice",
           ("lighting/in_scattering", "media/extinction"), _INTEGRATED, _needs_integrate, _neutral_integrate,
           _run_integrate),
-    Stage("apply", "the fog looked up at each pixel's depth, over the surface", _SURFACE + _INTEGRATED,
+    Stage("apply", "the fog looked up at each pixel's depth, over the surface",
+          (*_SURFACE, *_INTEGRATED, "media/extinction"),
           ("apply/fog_radiance", "apply/fog_transmittance", FINAL), _always, lambda job: {}, _run_apply,
           _apply_parts),
 )
@@ -410,20 +440,47 @@ _ONES = VolumeDensity(path="")
 def forced(job: Job) -> Job:
     """The same job with every part of every stage switched on at its neutral value.
 
-    Media without height fog get a falloff of 0, media without a texture one of ones; a scene without local
-    media gets an empty one, and one without an unbounded medium likewise. Each is an exact 0 or 1 in the
-    arithmetic, so the frame must come out the same bit for bit.
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    Job
+        Media without height fog get a falloff of 0, media without a texture one of ones. The scene gets an
+        empty local medium and an empty unbounded one if it has none, a black sun, a black lamp, and a
+        sphere behind the camera if it has no surface. Each is an exact 0 or 1 in the arithmetic, so the
+        frame must come out the same bit for bit.
+
+    Notes
+    -----
+    Two departures have no neutral value, and what they concern is then not added: the plain mean of g (D12)
+    counts media that are not there, and 0/0 (D1) is not the albedo of no medium.
     """
-    scene = job.scene
+    scene, settings = job.scene, job.settings
     far_away = LocalMedium(extinction=0.0, transform=Transform(translate=(1e6, 1e6, 1e6)))
     local = scene.local_media or (far_away,)
     everywhere = scene.global_media or (Medium(extinction=0.0),)
-    if not scene.global_media and job.settings.phase_mixing == "mean":
-        everywhere = ()  # a plain mean of g counts media that are not there: this part has no neutral value
-    scene = dataclasses.replace(scene, local_media=tuple(map(_with_all_parts, local)),
-                                global_media=tuple(map(_with_all_parts, everywhere)))
+    if not scene.global_media and settings.phase_mixing == "mean":
+        everywhere = ()
+    if not _media(scene) and settings.albedo_at_zero == "divide":
+        settings = replace(settings, albedo_at_zero="zero")
+    lights = (*scene.all_lights, DirectionalLight(direction=(0.0, 1.0, 0.0), irradiance=BLACK),
+              PointLight(position=scene.camera.target, intensity=BLACK))
+    surfaces = scene.surfaces if scene.surfaces or scene.image_buffers else (_behind(scene),)
+    scene = dataclasses.replace(
+        scene, lights=lights, extra_lights=ExtraLights(), surfaces=surfaces,
+        local_media=tuple(map(_with_all_parts, local)), global_media=tuple(map(_with_all_parts, everywhere)))
     textures = dict(job.assets.textures) | {_ONES: np.ones((2, 2, 2))}
-    return dataclasses.replace(job, scene=scene, assets=job.assets._replace(textures=textures))
+    return dataclasses.replace(job, scene=scene, settings=settings,
+                               assets=job.assets._replace(textures=textures))
+
+
+def _behind(scene: Scene) -> Sphere:
+    """A sphere that no ray meets."""
+    forward = np.subtract(scene.camera.target, scene.camera.position)
+    x, y, z = (scene.camera.position - 4.0 * forward).tolist()
+    return Sphere(center=(x, y, z), radius=float(np.linalg.norm(forward)))
 
 
 def _with_all_parts(medium: AnyMedium) -> AnyMedium:

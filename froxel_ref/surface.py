@@ -274,7 +274,7 @@ def shade(hits: Hits, rays: Rays, scene: Scene, *, attenuation: str = "min_dista
         for i, light, (y, x) in reach:
             y = _overlap(y, rows)
             y = slice(y.start - rows.start, y.stop - rows.start)
-            if y.start < y.stop and x.start < x.stop:
+            if y.start < y.stop and x.start < x.stop and (not restrict or _meets(light, rays, depth[y, x])):
                 nearby = (points[0][y, x], points[1][y, x], points[2][y, x])
                 factor = _arriving(light, nearby, hits.normal[:, rows][:, y, x], attenuation)
                 if visibility is not None:
@@ -296,6 +296,21 @@ def _reach(light: Light, rays: Rays) -> Window:
     if isinstance(light, PointLight) and light.falloff == "windowed":
         return ray_bounds(rays, light.position + light.radius * CUBE)
     return slice(0, rays.length.shape[0]), slice(0, rays.length.shape[1])
+
+
+def _meets(light: Light, rays: Rays, depth: Field) -> bool:
+    """Whether a light's radius can hold a surface at one of these depths."""
+    if not (isinstance(light, PointLight) and light.falloff == "windowed"):
+        return True
+    # Distances from the camera: what the light reaches lies in a shell about it as thick as its radius, and
+    # a surface at view depth z between z and z times the longest ray.
+    finite = depth[np.isfinite(depth)]
+    if finite.size == 0:
+        return False
+    away = float(np.linalg.norm(np.subtract(light.position, rays.origin)))
+    near, far = float(finite.min()), float(finite.max()) * float(rays.length.max())
+    slack = 1e-3 * (away + light.radius)
+    return near - slack <= away + light.radius and far + slack >= away - light.radius
 
 
 def _arriving(light: Light, points: Points, normal: Field, attenuation: str) -> Field:

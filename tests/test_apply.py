@@ -38,19 +38,24 @@ def uniform_fog(g: Grid, sigma: float, source: float = 1.0) -> Integrated:
 
 # --- by hand ----------------------------------------------------------------------------------------
 
+# What the lookup is by default, and as published (D4 with A11).
+HOW = {"boundary": {"lookup": "boundary"}, "centre": {"lookup": "centre", "near_surface": "first_slice"}}
+
 # Boundaries at 1, 2, 3 m; stored T ½ and ¼, front 0.8. Boundary: T(0.5 m) is midway from 1 to 0.8, T(1.25 m)
-# a quarter from 0.8 to ½. Centre: ½ stands at 1.5 m and ¼ at 2.5 m.
-BY_HAND = {"boundary": [1.0, 0.9, 0.8, 0.725, 0.5, 0.375, 0.25, 0.25, 0.25],
-           "centre": [0.5, 0.5, 0.5, 0.5, 0.375, 0.25, 0.25, 0.25, 0.25]}
+# a quarter from 0.8 to ½. Centre: ½ stands at 1.5 m and ¼ at 2.5 m. First slice: ½ in front of where it stands.
+BY_HAND = {("boundary", "fog"): [1.0, 0.9, 0.8, 0.725, 0.5, 0.375, 0.25, 0.25, 0.25],
+           ("boundary", "first_slice"): [0.5, 0.5, 0.5, 0.5, 0.5, 0.375, 0.25, 0.25, 0.25],
+           ("centre", "fog"): [1.0, 5 / 6, 2 / 3, 7 / 12, 0.375, 0.25, 0.25, 0.25, 0.25],
+           ("centre", "first_slice"): [0.5, 0.5, 0.5, 0.5, 0.375, 0.25, 0.25, 0.25, 0.25]}
 
 
-@pytest.mark.parametrize("lookup", LOOKUPS)
-def test_column_by_hand(lookup):
+@pytest.mark.parametrize(("lookup", "near_surface"), BY_HAND)
+def test_column_by_hand(lookup, near_surface):
     depth = np.array([[0.0, 0.5, 1.0, 1.25, 2.0, 2.5, 3.0, 50.0, np.inf]])
     fog = Integrated(np.zeros((3, 1, 1, 1)), np.array([0.5, 0.25]).reshape(2, 1, 1), np.zeros((3, 1, 1)),
                      np.array([[0.8]]))
-    got = lookup_fog(fog, grid(2, far=3.0), depth, lookup=lookup)[1]
-    assert got.ravel() == pytest.approx(BY_HAND[lookup], rel=2 * EPS)
+    got = lookup_fog(fog, grid(2, far=3.0), depth, lookup=lookup, near_surface=near_surface)[1]
+    assert got.ravel() == pytest.approx(BY_HAND[lookup, near_surface], rel=2 * EPS)
 
 
 def test_light_starts_from_nothing_at_the_camera():
@@ -107,7 +112,7 @@ def test_constant_field_comes_back_exactly(lookup):
     fog = Integrated(np.full((3, 5, 3, 4), 0.1), np.full((5, 3, 4), 0.7),
                      np.full((3, 3, 4), 0.1), np.full((3, 4), 0.7))
     depth = np.random.default_rng(2).uniform(g.near, 70.0, (11, 13))
-    radiance, transmittance = lookup_fog(fog, g, depth, lookup=lookup)
+    radiance, transmittance = lookup_fog(fog, g, depth, **HOW[lookup])
     assert (radiance == 0.1).all()
     assert (transmittance == 0.7).all()
 
@@ -132,7 +137,7 @@ def test_agrees_with_the_scalar_loop(width, height, lookup):
     g = grid(6, width=width, height=height)
     fog = random_fog(g)
     depth = np.random.default_rng(4).uniform(0.0, 12.0, (6, 8))
-    radiance, transmittance = lookup_fog(fog, g, depth, lookup=lookup)
+    radiance, transmittance = lookup_fog(fog, g, depth, **HOW[lookup])
     boundaries = [1.0 + 8.0 * k / 6.0 for k in range(7)]
     for j, i in itertools.product(range(6), range(8)):
         z, u, v = depth[j, i], (i + 0.5) / 8, (j + 0.5) / 6
@@ -149,7 +154,7 @@ def worst_error(count, lookup, distribution):
     """Largest error of light and transmittance inside the grid, in uniform fog, against the closed form."""
     g = grid(count, near=0.5, far=8.0, distribution=distribution)
     depth = np.linspace(0.5, 8.0, 5003)[None, 40:-1200]
-    light, through = lookup_fog(uniform_fog(g, 0.4), g, depth, lookup=lookup)
+    light, through = lookup_fog(uniform_fog(g, 0.4), g, depth, **HOW[lookup])
     exact = np.exp(-0.4 * depth)
     return np.abs(light[0] - (1.0 - exact) / 0.4).max(), np.abs(through - exact).max()
 
@@ -168,7 +173,7 @@ def test_centre_lookup_is_half_a_slice_too_deep():
     g = grid(128, near=0.5, far=64.5)
     fog = uniform_fog(g, 1e-6)
     depth = np.array([[10.0, 20.0, 40.0]])
-    through = {lookup: -np.log(lookup_fog(fog, g, depth, lookup=lookup)[1]) / 1e-6 for lookup in LOOKUPS}
+    through = {lookup: -np.log(lookup_fog(fog, g, depth, **HOW[lookup])[1]) / 1e-6 for lookup in LOOKUPS}
     assert through["boundary"] == pytest.approx(depth, rel=1e-9)
     # A chord of e^(−σz) lies σh²/8 = 3.1e-8 m above it in the middle of a slice.
     assert through["centre"] == pytest.approx(depth + 0.25, rel=1e-9, abs=4e-8)
@@ -178,7 +183,7 @@ def test_centre_lookup_gives_near_surfaces_the_first_slice():
     """A11: at the lens, a surface is behind all of slice 0; corrected, behind nothing."""
     g = grid(8)
     fog = uniform_fog(g, 0.5)
-    light, through = lookup_fog(fog, g, np.array([[0.0, 0.3, 1.4]]), lookup="centre")
+    light, through = lookup_fog(fog, g, np.array([[0.0, 0.3, 1.4]]), **HOW["centre"])
     assert np.array_equal(through[0], np.repeat(fog.transmittance[0, 0], 3))
     assert np.array_equal(light[0, 0], np.repeat(fog.radiance[0, 0, 0], 3))
     assert lookup_fog(fog, g, np.array([[0.0]]))[1] == 1.0
@@ -192,7 +197,7 @@ def test_never_leaves_the_range_of_the_stored_values(depth, height, width, looku
     g = Grid(width=width, height=height, depth=depth)
     fog = random_fog(g, seed=seed)
     image = np.random.default_rng(seed).uniform(0.0, 80.0, (3, 7))
-    found = lookup_fog(fog, g, image, lookup=lookup)
+    found = lookup_fog(fog, g, image, **HOW[lookup])
     for got, values, front, camera in zip(found, fog[:2], fog[2:], (0.0, 1.0), strict=True):
         assert got.min() >= min(values.min(), front.min(), camera)
         assert got.max() <= max(values.max(), front.max(), camera)
@@ -204,7 +209,7 @@ def test_same_bits_whatever_the_threads(dtype, lookup):
     g = Grid(width=20, height=11, depth=9)
     fog = random_fog(g, dtype)
     depth = np.random.default_rng(5).uniform(0.0, 80.0, (90, 160)).astype(dtype)
-    one, three = (lookup_fog(fog, g, depth, lookup=lookup, threads=threads) for threads in (1, 3))
+    one, three = (lookup_fog(fog, g, depth, **HOW[lookup], threads=threads) for threads in (1, 3))
     for a, b in zip(one, three, strict=True):
         assert a.dtype == dtype
         assert np.array_equal(a, b)
@@ -221,7 +226,7 @@ def test_compact_fields_give_the_same_bits(depth, lookup):
     for fog in (column, vacuum):
         full = Integrated(*(np.broadcast_to(field, lead + (depth, 4, 6)[-field.ndim + len(lead):]).copy()
                             for field, lead in zip(fog, ((3,), (), (3,), ()), strict=True)))
-        for a, b in zip(lookup_fog(fog, g, image, lookup=lookup), lookup_fog(full, g, image, lookup=lookup),
+        for a, b in zip(lookup_fog(fog, g, image, **HOW[lookup]), lookup_fog(full, g, image, **HOW[lookup]),
                         strict=True):
             assert np.array_equal(*np.broadcast_arrays(a, b))
 
@@ -251,6 +256,8 @@ def test_switches_are_the_words_of_the_settings():
     assert set(LOOKUPS) == set(SWITCHES["lookup"])
     with pytest.raises(InputError, match="boundary, centre"):
         lookup_fog(random_fog(grid(2)), grid(2), np.ones((1, 1)), lookup="center")
+    with pytest.raises(InputError, match="near_surface: is 'all', must be one of fog, first_slice"):
+        lookup_fog(random_fog(grid(2)), grid(2), np.ones((1, 1)), near_surface="all")
 
 
 # --- over the scene ---------------------------------------------------------------------------------

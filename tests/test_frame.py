@@ -252,14 +252,23 @@ def test_absurd_grid_is_refused_before_anything_is_allocated() -> None:
         run_frame(Scene(), Settings(grid=Grid(width=65536, height=65536, depth=65536)))
 
 
+def test_estimate_holds_lobes_and_coloured_extinction() -> None:
+    scene, how = small("two-volumes", phase_mixing="mixture")
+    tinted = tuple(dataclasses.replace(medium, extinction=(0.1, 0.2, 0.3), phase_anisotropy=g)
+                   for medium, g in zip(scene.local_media, (0.1, 0.7), strict=True))
+    frame = run_frame(dataclasses.replace(scene, local_media=tinted), how, force_all=True)
+    held = sum(field.nbytes for field in frame.results.values())
+    assert held == estimate_bytes(dataclasses.replace(scene, local_media=tinted), how)
+
+
 def test_estimate_is_the_sum_of_all_results_at_full_size() -> None:
     scene, how = small("thesis-hall")
     frame = run_frame(scene, how, force_all=True)
     camera, g = scene.camera, how.grid
     volume, image, face = g.width * g.height * g.depth, camera.width * camera.height, g.width * g.height
     assert frame["lighting/in_scattering"].size == 3 * volume
-    media, lobes, lighting, integrated = 3 + 3 + 1 + 3 + 1, 3, 3, 3 + 1
-    by_hand = 8 * ((media + lobes + lighting + integrated) * volume + g.depth + 1 + (3 + 1) * face
+    media, lobes, lighting, integrated = 3 + 3 + 1 + 3 + 1, 0, 3, 3 + 1
+    by_hand = 8 * ((media + lobes + lighting + integrated) * volume + g.depth + (3 + 1) * face
                    + (1 + 3 + 3 + 3 + 3 + 1 + 3) * image)
     assert estimate_bytes(scene, how) == by_hand
 
