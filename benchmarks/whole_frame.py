@@ -44,6 +44,7 @@ def main() -> None:
         assets = load_assets(scene, folder)
         stages: dict[str, list[float]] = {}
         for _ in range(options.repeats + 1):
+            frame = None  # the last one's buffers are not part of this one's memory
             begin = time.perf_counter()
             frame = run_frame(scene, settings, assets=assets)
             total = time.perf_counter() - begin
