@@ -11,13 +11,13 @@ import logging
 import os
 import re
 import warnings
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from froxel_ref.records import InputError
 from froxel_ref.scene import (
@@ -66,8 +66,7 @@ class Assets(NamedTuple):
     radiance: NDArray[Any] | None
 
 
-def load_assets(scene: Scene, folder: Folder, *, only: Collection[str] | None = None,
-                dtype: DTypeLike = np.float64) -> Assets:
+def load_assets(scene: Scene, folder: Folder) -> Assets:
     """Read and make everything that a scene needs besides its own numbers.
 
     Parameters
@@ -76,22 +75,16 @@ def load_assets(scene: Scene, folder: Folder, *, only: Collection[str] | None = 
         The scene.
     folder : path, optional
         Where the scene's relative paths begin; None if it has no folder, which only a path minds.
-    only : collection of str, optional
-        Fields of `Assets` to fill, the others stay empty; default: all.
-    dtype : dtype
-        Of all arrays but the meshes', which are always float64.
 
     Returns
     -------
     Assets
-        Each source is there once, however often the scene uses it.
+        In float64; each source is there once, however often the scene uses it.
 
     Raises
     ------
     InputError
         Any fault of a file or its path, under its place in the scene; trimesh is missing.
-    ValueError
-        ``only`` holds another word.
 
     Examples
     --------
@@ -101,30 +94,23 @@ def load_assets(scene: Scene, folder: Folder, *, only: Collection[str] | None = 
     >>> load_assets(scene, None).textures[source].shape
     (8, 8, 8)
     """
-    wanted = set(Assets._fields if only is None else only)
-    if not wanted <= set(Assets._fields):
-        raise ValueError(f"only is {sorted(wanted)}, must be some of {', '.join(Assets._fields)}")
-
     def texture(source: NoiseDensity | VolumeDensity, place: str) -> NDArray[Any]:
         if isinstance(source, NoiseDensity):
-            return noise(source).astype(dtype, copy=False)
+            return noise(source)
         file = input_path(folder, source.path, f"{place}.path")
-        return read_density(source, file, place=place, dtype=dtype)
+        return read_density(source, file, place=place)
 
     def heights(source: Folds | HeightsFile, place: str) -> NDArray[Any]:
         if isinstance(source, Folds):
-            return fold_heights(source).astype(dtype, copy=False)
-        return _read_heights(folder, source.path, f"{place}.path").astype(dtype, copy=False)
+            return fold_heights(source)
+        return _read_heights(folder, source.path, f"{place}.path").astype(np.float64, copy=False)
 
     def mesh(surface: Mesh, place: str) -> Triangles:
         return read_mesh(input_path(folder, surface.path, f"{place}.path"), place=f"{place}.path")
 
-    depth, radiance = _images(scene, folder, wanted, dtype)
-    return Assets(
-        textures=_each(_textures(scene), texture) if "textures" in wanted else {},
-        heights=_each(_heights(scene), heights) if "heights" in wanted else {},
-        meshes=_meshes(scene, mesh) if "meshes" in wanted else {},
-        depth=depth, radiance=radiance)
+    depth, radiance = _images(scene, folder)
+    return Assets(textures=_each(_textures(scene), texture), heights=_each(_heights(scene), heights),
+                  meshes=_meshes(scene, mesh), depth=depth, radiance=radiance)
 
 
 def _each(sources: Iterator[tuple[K, str]], read: Callable[[K, str], V]) -> dict[K, V]:
@@ -312,24 +298,23 @@ def _read_floats(file: Path, ndim: int, place: str) -> NDArray[Any]:
     return values
 
 
-def _images(scene: Scene, folder: Folder, wanted: Collection[str],
-            dtype: DTypeLike) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
-    """The depth and the radiance of the scene's image buffers, where wanted."""
+def _images(scene: Scene, folder: Folder) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
+    """The depth and the radiance of the scene's image buffers."""
     buffers, camera = scene.image_buffers, scene.camera
     depth = radiance = None
-    if buffers is not None and "depth" in wanted:
+    if buffers is not None:
         place = "image_buffers.depth"
         file = input_path(folder, buffers.depth, place)
         depth = _image(file, (camera.height, camera.width), place)
         refuse(depth, ~(depth > 0.0), "view depth must be above 0 m, or +inf", file, place=place)
-        depth = depth.astype(dtype, copy=False)
-    if buffers is not None and buffers.radiance is not None and "radiance" in wanted:
+        depth = depth.astype(np.float64, copy=False)
+    if buffers is not None and buffers.radiance is not None:
         place = "image_buffers.radiance"
         file = input_path(folder, buffers.radiance, place)
         colour = _image(file, (camera.height, camera.width, 3), place)
         refuse(colour, ~(np.isfinite(colour) & (colour >= 0.0)), "radiance must be finite and at least 0",
                file, place=place)
-        radiance = np.ascontiguousarray(np.moveaxis(colour, 2, 0), dtype)
+        radiance = np.ascontiguousarray(np.moveaxis(colour, 2, 0), np.float64)
     return depth, radiance
 
 
@@ -370,6 +355,15 @@ def read_mesh(path: Path, *, place: str = "") -> Triangles:
     -----
     Read through trimesh from the bytes alone: materials, textures and buffers in other files are not
     looked for, so that a mesh cannot make the program open anything outside the scene's folder.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp(), "square.obj")
+    >>> _ = path.write_text("v 0 0 0\\nv 1 0 0\\nv 1 1 0\\nv 0 1 0\\nf 1 2 3 4\\n")
+    >>> vertices, faces = read_mesh(path)  # needs trimesh
+    >>> vertices.shape, faces.shape
+    ((4, 3), (2, 3))
     """
     name = repr(str(path))
     if path.suffix.lower() not in MESH_EXTENSIONS:

@@ -54,7 +54,7 @@ whose path is the last line printed.
 examples:
   froxel-ref golden
   froxel-ref golden thesis-hall -o golden-small --grid 32x18x16 --size 160x90
-  froxel-ref golden smoke --data ../shared/data --set 'lights[0].irradiance=[3,3,3]'
+  froxel-ref golden smoke --data path/to/folder --set 'lights[0].irradiance=[3,3,3]'
 """
 EXPLAIN = """\
 The frame is computed, so the axes and bytes are those of this scene, not an estimate.

@@ -73,7 +73,21 @@ def tone_map(radiance: Field, *, white: float = WHITE_LEVEL) -> Field:
 
 
 def srgb_transfer(linear: Field) -> Field:
-    """The sRGB transfer function of values cut to [0, 1] [IEC 61966-2-1].
+    """The sRGB transfer function of values cut to [0, 1].
+
+    Parameters
+    ----------
+    linear : array, any shape
+        Linear light [1].
+
+    Returns
+    -------
+    array, same shape
+        Display values in [0, 1]; NaN stays NaN.
+
+    Notes
+    -----
+    12.92x up to 0.0031308, 1.055·x^(1/2.4) − 0.055 above [IEC 61966-2-1].
 
     Examples
     --------
@@ -140,12 +154,44 @@ def ramp(values: Field) -> Field:
 
 
 def ramp_colours(values: Field) -> Bytes:
-    """The ramp's colours (..., 3) as bytes."""
+    """The ramp's colours as bytes.
+
+    Parameters
+    ----------
+    values : array, any shape
+        Places on the `ramp`, cut to [0, 1]; NaN is magenta.
+
+    Returns
+    -------
+    array of uint8, shape (..., 3)
+        sRGB.
+
+    Examples
+    --------
+    >>> ramp_colours(np.array([0.0, 1.0, np.nan])).tolist()
+    [[0, 0, 0], [255, 255, 255], [255, 0, 255]]
+    """
     return _quantise(ramp(values))
 
 
 def grey(values: Field) -> Bytes:
-    """Display greys (..., 3), or display RGB, as bytes of values (1, ...) or (3, ...) in [0, 1]."""
+    """Display greys, or display RGB, as bytes.
+
+    Parameters
+    ----------
+    values : array, shape (1, ...) or (3, ...)
+        Display values, cut to [0, 1]; NaN is magenta.
+
+    Returns
+    -------
+    array of uint8, shape (..., 3)
+        In steps of 1/255, to the nearest.
+
+    Examples
+    --------
+    >>> grey(np.array([[0.0, 0.5, 2.0]])).tolist()
+    [[0, 0, 0], [128, 128, 128], [255, 255, 255]]
+    """
     return _quantise(np.broadcast_to(np.clip(values, 0.0, 1.0), (3, *values.shape[1:])))
 
 
@@ -169,7 +215,17 @@ def _quantise(display: Field) -> Bytes:
 
 
 class Display(NamedTuple):
-    """How the values of one array become colours: a kind (see the module), a range, an exposure."""
+    """How the values of one array become colours.
+
+    Attributes
+    ----------
+    kind : str
+        One of the kinds that this module's text lists.
+    low, high : float
+        The range of the finite values, in their own unit.
+    exposure : float
+        For radiance, a factor before the tone map.
+    """
 
     kind: str
     low: float
@@ -177,7 +233,23 @@ class Display(NamedTuple):
     exposure: float
 
     def paint(self, block: Field) -> Bytes:
-        """Colours (..., 3) of a block of values (3, ...) or (1, ...)."""
+        """Colours of a block of values.
+
+        Parameters
+        ----------
+        block : array, shape (1, ...) or (3, ...)
+            Values, channel first.
+
+        Returns
+        -------
+        array of uint8, shape (..., 3)
+            sRGB.
+
+        Examples
+        --------
+        >>> Display("scalar", 0.0, 2.0, 1.0).paint(np.array([[0.0, 2.0]])).tolist()
+        [[0, 0, 0], [255, 255, 255]]
+        """
         values = np.asarray(block, np.float64)
         with np.errstate(invalid="ignore", divide="ignore"):
             if self.kind == "radiance":
@@ -201,7 +273,18 @@ class Display(NamedTuple):
         return result
 
     def label(self) -> str:
-        """The range in words."""
+        """The range in words.
+
+        Returns
+        -------
+        str
+            One line.
+
+        Examples
+        --------
+        >>> Display("depth", 0.5, 64.0, 1.0).label()
+        '0.5 to 64, logarithmic'
+        """
         span = f"{self.low:.4g} to {self.high:.4g}"
         if self.kind == "radiance":
             return f"peak {self.high:.4g}, exposure x{self.exposure:.4g}, tone-mapped"
@@ -225,6 +308,12 @@ def display_for(name: str, values: Field, exposure: float = 1.0) -> Display:
     Returns
     -------
     Display
+        With the range of the finite values.
+
+    Examples
+    --------
+    >>> display_for("media/extinction", np.array([[0.25, 0.5]]))
+    Display(kind='scalar', low=0.0, high=0.5, exposure=1.0)
     """
     fallback = "colour" if values.shape[0] == 3 else "scalar"
     kind = _KINDS.get(name.rpartition("/")[2], fallback)

@@ -17,18 +17,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-import froxel_ref
+from froxel_ref import __version__, pictures
 from froxel_ref.arrays import Field
+from froxel_ref.assets import checksums
 from froxel_ref.image_files import write_png
 from froxel_ref.output import check_space, refusal, whole_folder
 from froxel_ref.records import InputError, shown
+from froxel_ref.scene import Camera
+from froxel_ref.scene_files import Loaded, document
+from froxel_ref.settings import SWITCHES, Grid
+from froxel_ref.stages import QUANTITIES, Quantity
 
 if TYPE_CHECKING:
     from froxel_ref.frame import Frame
-    from froxel_ref.scene import Camera
-    from froxel_ref.scene_files import Loaded
-    from froxel_ref.settings import Grid
-    from froxel_ref.stages import Quantity
 
 __all__ = [
     "CONTACT_SHEET", "MANIFEST", "GoldenSet", "check_target", "golden_bytes", "gpu_array", "write_golden",
@@ -43,6 +44,8 @@ ABOUT = {
              "rows run from the top of the image, slices away from the camera",
     "varies": "the axes along which the values may differ; along the others they are repeated",
     "sha256": "of the whole file's bytes, header included",
+    "resolved_switches": "the choice in force for each departure of the sources, as fidelity and switches "
+                         "in input.settings make it",
 }
 AXES = {"z": "z", "y": "y", "x": "x", "c": "channel", "l": "lobe"}
 
@@ -50,7 +53,19 @@ Progress = Callable[[str, int, int], None]
 
 
 class GoldenSet(NamedTuple):
-    """A golden set on disk: its folder, its manifest, its contact sheet and its size in bytes."""
+    """A golden set on disk.
+
+    Attributes
+    ----------
+    folder : Path
+        Where it stands.
+    manifest : dict
+        What ``manifest.json`` in it holds.
+    contact_sheet : Path
+        The picture of all its arrays.
+    size : int
+        Of all its files [bytes].
+    """
 
     folder: Path
     manifest: dict[str, Any]
@@ -88,7 +103,7 @@ def gpu_array(array: Field, quantity: Quantity, camera: Camera, grid: Grid) -> t
     >>> view.shape, axes
     ((64, 90, 160, 3), 'zyxc')
     """
-    axes = "c" * (array.ndim - len(quantity.axes)) + quantity.axes
+    axes = pictures.full_axes(array, quantity)
     on_grid = quantity.on_grid or "z" in axes
     columns, rows = (grid.width, grid.height) if on_grid else (camera.width, camera.height)
     sizes = dict(zip(axes, array.shape, strict=True)) | {"x": columns, "y": rows, "z": grid.depth}
@@ -125,9 +140,27 @@ def _write_array(path: Path, view: Field) -> str:
 
 
 def golden_bytes(frame: Frame) -> int:
-    """About how many bytes a golden set of this frame takes: its arrays at full size, and pictures."""
-    from froxel_ref.stages import QUANTITIES
+    """About how many bytes a golden set of a frame takes.
 
+    Parameters
+    ----------
+    frame : Frame
+        With the results to be written.
+
+    Returns
+    -------
+    int
+        Its arrays at full size, and a generous share for each picture [bytes].
+
+    Examples
+    --------
+    >>> import froxel_ref
+    >>> scene, settings, _ = froxel_ref.load("uniform", overrides=[
+    ...     "camera.width=4", "camera.height=2", "grid.width=2", "grid.height=2", "grid.depth=2"])
+    >>> frame = froxel_ref.run_frame(scene, settings)
+    >>> golden_bytes(frame) > len(frame.results) * PICTURE_BYTES
+    True
+    """
     views = (gpu_array(array, QUANTITIES[name], frame.scene.camera, frame.settings.grid)[0]
              for name, array in frame.results.items())
     return sum(view.size * view.itemsize + PICTURE_BYTES for view in views)
@@ -142,6 +175,7 @@ def check_target(folder: Path, *, force: bool) -> None:
     Parameters
     ----------
     folder : Path
+        Where a golden set is to stand.
     force : bool
         Whether a golden set that stands there may be replaced; nothing else ever is, but an empty folder.
 
@@ -227,6 +261,7 @@ def write_golden(frame: Frame, loaded: Loaded, folder: Path, *, force: bool = Fa
     Returns
     -------
     GoldenSet
+        What now stands in the folder.
 
     Raises
     ------
@@ -236,10 +271,22 @@ def write_golden(frame: Frame, loaded: Loaded, folder: Path, *, force: bool = Fa
     Notes
     -----
     Arrays are expanded a few megabytes at a time while they are written. The manifest is written last.
-    """
-    from froxel_ref.assets import checksums
-    from froxel_ref.scene_files import document
 
+    Examples
+    --------
+    >>> import tempfile
+    >>> from froxel_ref.frame import run_frame
+    >>> from froxel_ref.scene_files import load
+    >>> small = [f"camera.{side}=4" for side in ("width", "height")]
+    >>> small += [f"grid.{side}=2" for side in ("width", "height", "depth")]
+    >>> loaded = load("uniform", overrides=small)
+    >>> frame = run_frame(loaded.scene, loaded.settings)
+    >>> golden = write_golden(frame, loaded, Path(tempfile.mkdtemp(), "set"))
+    >>> np.load(golden.folder / "integrate" / "transmittance.npy").shape
+    (2, 2, 2)
+    >>> golden.manifest["resolved_switches"]["lookup"]
+    'boundary'
+    """
     folder = Path(folder)
     tell = progress or (lambda name, index, count: None)
     names = [name for name, array in frame.results.items() if array.size]
@@ -247,8 +294,9 @@ def write_golden(frame: Frame, loaded: Loaded, folder: Path, *, force: bool = Fa
         check_space(partial, golden_bytes(frame))
         manifest: dict[str, Any] = {
             "format": FORMAT, "schema_version": VERSION, "conventions": ABOUT,
-            "made_by": {"froxel-ref": froxel_ref.__version__, "numpy": np.__version__},
+            "made_by": {"froxel-ref": __version__, "numpy": np.__version__},
             "input": document(loaded.scene, loaded.settings),
+            "resolved_switches": {name: getattr(loaded.settings, name) for name in SWITCHES},
             "input_files": checksums(loaded.scene, loaded.folder),
             "stages": _stage_entries(frame), "contact_sheet": CONTACT_SHEET,
         }
@@ -267,24 +315,19 @@ def write_golden(frame: Frame, loaded: Loaded, folder: Path, *, force: bool = Fa
 
 def _write_result(folder: Path, name: str, frame: Frame) -> dict[str, Any]:
     """One array and its picture; its entry in the manifest."""
-    from froxel_ref.pictures import View, preview, varying
-    from froxel_ref.stages import QUANTITIES
-
     array, quantity = frame.results[name], QUANTITIES[name]
     view, axes = gpu_array(array, quantity, frame.scene.camera, frame.settings.grid)
     file = f"{name}.npy"
     (folder / file).parent.mkdir(exist_ok=True)
     sha256 = _write_array(folder / file, view)
     picture = f"{name}.png"
-    how = View(frame.scene.camera, frame.settings.grid, frame.display_exposure)
-    write_png(folder / picture, preview(array, quantity, name=name, view=how))
+    how = pictures.View(frame.scene.camera, frame.settings.grid, frame.display_exposure)
+    write_png(folder / picture, pictures.preview(array, quantity, name=name, view=how))
     return {"name": name, "file": file, "preview": picture, "shape": list(view.shape),
             "dtype": view.dtype.newbyteorder("<").str, "axes": [AXES[axis] for axis in axes],
-            "varies": list(varying(array, quantity)), "unit": quantity.unit, "about": quantity.about,
+            "varies": list(pictures.varying(array, quantity)), "unit": quantity.unit, "about": quantity.about,
             "sha256": sha256}
 
 
 def _write_contact_sheet(folder: Path, frame: Frame) -> None:
-    from froxel_ref.pictures import contact_sheet
-
-    write_png(folder / CONTACT_SHEET, contact_sheet(frame))
+    write_png(folder / CONTACT_SHEET, pictures.contact_sheet(frame))

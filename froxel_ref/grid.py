@@ -30,7 +30,7 @@ from froxel_ref.settings import Grid
 
 __all__ = [
     "CURVES", "Curve", "Froxels", "corner_bounds", "depth_to_slice", "froxel_from_world", "froxel_points",
-    "make_froxels", "slice_to_depth", "sphere_bounds", "step_lengths", "world_from_froxel",
+    "make_froxels", "slice_to_depth", "step_lengths", "world_from_froxel",
 ]
 
 Doubles = NDArray[np.float64]
@@ -333,49 +333,6 @@ def _texel_from_world(camera: Camera, grid: Grid, jitter: tuple[float, float]) -
 
 
 # --- which samples a shape can touch ----------------------------------------------------------------
-
-
-def sphere_bounds(froxels: Froxels, center: ArrayLike, radius: float) -> Index:
-    """Bound the samples inside a sphere by ranges of slices, rows and columns.
-
-    Parameters
-    ----------
-    froxels : Froxels
-        The grid.
-    center : array_like, shape (3,) [m]
-        World position.
-    radius : float [m]
-        At least 0.
-
-    Returns
-    -------
-    Index
-        Holds every sample within ``radius`` of the centre, also as computed in the grid's dtype; empty
-        where the sphere is out of view.
-
-    Notes
-    -----
-    The samples of a column, or of a row, lie in a plane through the camera: those columns and rows are
-    kept whose plane the sphere meets. That is the exact bound of the sphere's image.
-
-    Examples
-    --------
-    >>> froxels = make_froxels(Camera(), Grid(width=8, height=8, depth=4, near=1.0, far=16.0))
-    >>> sphere_bounds(froxels, (0.0, 1.7, -4.0), 1.5)
-    (slice(1, 2, None), slice(1, 7, None), slice(2, 6, None))
-    >>> sphere_bounds(froxels, (0.0, 1.7, 9.0), 1.0)
-    (slice(0, 0, None), slice(0, 0, None), slice(0, 0, None))
-    """
-    point = np.append(np.asarray(center, np.float64), 1.0)
-    reach = radius + _slack(froxels, np.abs(point[:3]).max() + radius)
-    x, y, depth = froxels.sample_from_world
-    distance = float(depth @ point)
-    ranges = [_depth_range(froxels, distance - reach, distance + reach)]
-    for row, count in zip((y, x), froxels.rays.length.shape, strict=True):
-        planes = row - np.arange(count)[:, np.newaxis] * depth
-        met = np.flatnonzero(np.abs(planes @ point) <= reach * np.linalg.norm(planes[:, :3], axis=1))
-        ranges.append(slice(int(met[0]), int(met[-1]) + 1) if met.size else slice(0, 0))
-    return _index(ranges)
 
 
 def corner_bounds(froxels: Froxels, corners: ArrayLike) -> Index:

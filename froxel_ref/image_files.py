@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from froxel_ref.arrays import Field
+from froxel_ref.pictures import View, final_image
 from froxel_ref.records import InputError, shown
 
 if TYPE_CHECKING:
@@ -56,22 +57,61 @@ def image_writer(path: Path) -> Callable[[Path, Frame], None]:
 
 
 def linear_image(frame: Frame) -> Field:
-    """The final radiance at the camera's size, shape (height, width, 3), C-contiguous."""
+    """The final radiance at the camera's size.
+
+    Parameters
+    ----------
+    frame : Frame
+        With the result ``apply/radiance``.
+
+    Returns
+    -------
+    array, shape (height, width, 3) [W m⁻² sr⁻¹]
+        Linear RGB, C-contiguous, in the frame's precision.
+
+    Examples
+    --------
+    >>> import froxel_ref
+    >>> scene, settings, _ = froxel_ref.load("uniform", overrides=[
+    ...     "camera.width=4", "camera.height=2", "grid.width=2", "grid.height=2", "grid.depth=2"])
+    >>> frame = froxel_ref.run_frame(scene, settings)
+    >>> linear_image(frame).shape
+    (2, 4, 3)
+    """
     camera = frame.scene.camera
     whole = np.broadcast_to(frame["apply/radiance"], (3, camera.height, camera.width))
     return np.ascontiguousarray(np.moveaxis(whole, 0, -1))
 
 
 def write_png(path: Path, image: NDArray[np.uint8]) -> None:
-    """Write an 8-bit RGB image as PNG; the same image gives the same bytes."""
+    """Write an 8-bit RGB image as PNG; the same image gives the same bytes.
+
+    Parameters
+    ----------
+    path : Path
+        The file; one that stands there is replaced.
+    image : array of uint8, shape (height, width, 3)
+        As displayed, sRGB.
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp(), "black.png")
+    >>> write_png(path, np.zeros((2, 4, 3), np.uint8))
+    >>> path.read_bytes()[:4]
+    b'\\x89PNG'
+    """
     import imageio.v3 as iio
 
     path.write_bytes(iio.imwrite("<bytes>", image, extension=".png", plugin="pillow"))
 
 
 def _write_display(path: Path, frame: Frame) -> None:
-    from froxel_ref.pictures import View, final_image
-
     view = View(frame.scene.camera, frame.settings.grid, frame.display_exposure)
     write_png(path, final_image(frame["apply/radiance"], view))
 

@@ -109,6 +109,18 @@ def make_lobe(scattering: Field, share: float, first: bool, name: str, g: Field 
     ------
     InputError
         |g| above 1.
+
+    Notes
+    -----
+    d + s cancels where a lamp lies ahead of the froxel. Its rounding enters the phase function times
+    2|g|/(1 − |g|)²: beyond `PLAIN` the lobe is ``careful``.
+
+    Examples
+    --------
+    >>> fog = np.full((3, 1, 1, 1), 0.1)
+    >>> lobes = [make_lobe(fog, 1.0, True, "henyey_greenstein", g, np.dtype(float)) for g in (0.0, 0.5, 0.9)]
+    >>> [(lobe.name, lobe.careful) for lobe in lobes]
+    [('isotropic', False), ('henyey_greenstein', False), ('henyey_greenstein', True)]
     """
     values = np.asarray(g)
     low, high = float(values.min()), float(values.max())
@@ -144,6 +156,20 @@ def relate_lamps(lights: Mapping[int, PointLight], lobes: Sequence[Lobe], froxel
     -------
     Lamps
         Without the lights that reach nothing.
+
+    Examples
+    --------
+    >>> from froxel_ref.grid import make_froxels
+    >>> from froxel_ref.scene import Camera
+    >>> from froxel_ref.settings import Grid
+    >>> froxels = make_froxels(Camera(), Grid(width=4, height=4, depth=4))
+    >>> lobe = make_lobe(np.ones((3, 1, 1, 1)), 1.0, True, "isotropic", 0.0, np.dtype(float))
+    >>> near, behind = (PointLight(position=(0.0, 1.7, z), intensity=(1.0, 1.0, 1.0), radius=4.0)
+    ...                 for z in (-6.0, 20.0))
+    >>> lamps = relate_lamps({0: near, 1: behind}, [lobe], froxels, attenuation="min_distance",
+    ...                      restrict=True, visibility=None)
+    >>> [lamp.number for lamp in lamps.rays]
+    [0]
     """
     dtype = froxels.depths.dtype
     rays = light_rays(lights, froxels, attenuation=attenuation, restrict=restrict)
@@ -167,6 +193,15 @@ def channels(values: Any, dtype: Type) -> Field:
     -------
     ndarray, shape (3, 1, 1, 1)
         The same numbers.
+
+    Notes
+    -----
+    `froxel_ref.lighting` lays out the ambient radiance with it, too.
+
+    Examples
+    --------
+    >>> channels([1.0, 2.0, 1e300], np.dtype(np.float32)).ravel().tolist()
+    [1.0, 2.0, 3.4028234663852886e+38]
     """
     return np.asarray(np.minimum(values, np.finfo(dtype).max), dtype).reshape(3, 1, 1, 1)
 
@@ -185,6 +220,15 @@ def part(field: Field, z: slice, y: slice) -> Field:
     -------
     Field
         A view.
+
+    Notes
+    -----
+    `froxel_ref.lighting` cuts the medium's fields into blocks with it, too.
+
+    Examples
+    --------
+    >>> part(np.zeros((3, 8, 1, 5)), slice(2, 4), slice(0, 1)).shape
+    (3, 2, 1, 5)
     """
     every = slice(None)
     return field[..., z if field.shape[-3] > 1 else every, y if field.shape[-2] > 1 else every, :]
@@ -211,7 +255,12 @@ def prefactor(g: Field) -> Field:
     Returns
     -------
     Field, shape of ``g`` [sr⁻¹]
-        p is this over (1 + 2|g|/(1 − |g|)²·(1 ∓ cos θ))^{3/2}.
+        p is this over (1 + 2|g|/(1 − |g|)²·(1 ∓ cos θ))^{3/2} [Henyey 1941].
+
+    Examples
+    --------
+    >>> bool(prefactor(np.zeros(1))[0] == 1.0 / (4.0 * math.pi))
+    True
     """
     size = np.abs(g)
     rest = 1.0 - size
@@ -268,6 +317,27 @@ def add_lamps(lamps: Lamps, lobes: Sequence[Lobe], lights: Sequence[Field], memo
         Keeps a thread's arrays from block to block.
     z, y : slice
         The block's slices and rows.
+
+    Notes
+    -----
+    With the terms of `froxel_ref.light_rays`, a light adds I·w(d²)·cone²·V/max(d², d_min²)·p(cos θ).
+    Henyey–Greenstein needs no cos θ: p/d² is prefactor/(√(d·v)·v) with v = d + 2|g|/(1 − |g|)²·(d ± s).
+
+    Examples
+    --------
+    >>> from froxel_ref.grid import make_froxels
+    >>> from froxel_ref.scene import Camera
+    >>> from froxel_ref.settings import Grid
+    >>> froxels = make_froxels(Camera(), Grid(width=3, height=3, depth=4))
+    >>> lobe = make_lobe(np.ones((3, 1, 1, 1)), 1.0, True, "isotropic", 0.0, np.dtype(float))
+    >>> lamp = PointLight(position=(0.0, 1.7, -6.0), intensity=(1.0, 1.0, 1.0), falloff="inverse_square")
+    >>> lamps = relate_lamps({0: lamp}, [lobe], froxels, attenuation="min_distance", restrict=True,
+    ...                      visibility=None)
+    >>> light = np.zeros((3, 4, 3, 3))
+    >>> add_lamps(lamps, [lobe], [light], threading.local(), slice(0, 4), slice(0, 3))
+    >>> distance = 6.0 - froxels.depths[0, 0, 0]
+    >>> bool(abs(light[0, 0, 1, 1] * 4.0 * math.pi * distance**2 - 1.0) < 1e-12)
+    True
     """
     shape, dtype = lights[0].shape[1:], lights[0].dtype
     scratch = _scratch(memory, 6 * lights[0][0].size, dtype)

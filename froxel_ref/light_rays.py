@@ -25,7 +25,7 @@ from froxel_ref.grid import Froxels, corner_bounds
 from froxel_ref.lights import colour, smallest_d2, spot_cone, unit
 from froxel_ref.scene import PointLight, SpotLight
 
-__all__ = ["Cone", "LightRays", "Rect", "light_rays", "rect", "slice_boxes"]
+__all__ = ["ConeRays", "LightRays", "Rect", "light_rays", "rect", "slice_boxes"]
 
 Boxes = NDArray[np.intp]
 Rect = tuple[slice, slice, slice]
@@ -38,7 +38,7 @@ CLOSEST = 1e-12
 TINIEST = 1e-100
 
 
-class Cone(NamedTuple):
+class ConeRays(NamedTuple):
     """A spot light's cone along each ray: its factor is sat((slope·s + start)/d + offset)².
 
     Attributes
@@ -71,7 +71,7 @@ class LightRays(NamedTuple):
         Row and column of the first ray.
     nearest, across2 : Field, shape (h, w)
         b and h² of each ray, in units.
-    cone : Cone or None
+    cone : ConeRays or None
         Of a spot light.
     boxes : ndarray, shape (D, 4)
         First and last + 1 row and column that the light reaches in each slice; all 0 where none.
@@ -88,7 +88,7 @@ class LightRays(NamedTuple):
     corner: tuple[int, int]
     nearest: Field
     across2: Field
-    cone: Cone | None
+    cone: ConeRays | None
     boxes: Boxes
     close: Boxes
     smallest: float
@@ -185,7 +185,8 @@ def _relate(index: int, light: PointLight, boxes: Boxes, froxels: Froxels, rays:
         scale, offset = spot_cone(light)
         ax, ay, az = (scale * c for c in unit(light.direction))
         slope = (ax * px + ay * py + az * pz) * per_length
-        cone = Cone(slope.astype(dtype), (b * slope - (ax * qx + ay * qy + az * qz)).astype(dtype), offset)
+        start = b * slope - (ax * qx + ay * qy + az * qz)
+        cone = ConeRays(slope.astype(dtype), start.astype(dtype), offset)
     smallest = smallest_d2(light, attenuation)
     close = boxes
     if restrict and float(h2.min()) * size * size > 2.0 * smallest:
@@ -217,8 +218,7 @@ def slice_boxes(froxels: Froxels, centers: ArrayLike, radii: ArrayLike) -> Boxes
     Notes
     -----
     A slice cuts a sphere in a circle, and the grid's rows and columns are straight lines in the slice's
-    plane, so the bound of the circle is exact. `froxel_ref.grid.sphere_bounds` gives one box for all
-    slices, of which a ball fills half.
+    plane, so the bound of the circle is exact. One box for all slices would be half empty.
 
     Examples
     --------

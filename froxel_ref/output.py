@@ -22,6 +22,20 @@ __all__ = ["check_file", "check_space", "refusal", "whole_file", "whole_folder"]
 def refusal(error: OSError | MemoryError, place: str, path: str | os.PathLike[str]) -> InputError:
     """The one-line fault for an operating-system error about an output.
 
+    Parameters
+    ----------
+    error : OSError or MemoryError
+        What happened.
+    place : str
+        What the message begins with, such as ``output``.
+    path : path
+        What could not be written.
+
+    Returns
+    -------
+    InputError
+        To be raised.
+
     Examples
     --------
     >>> import errno
@@ -58,10 +72,30 @@ def _resolved(path: Path, place: str) -> Path:
 def check_file(path: Path, *, force: bool, place: str = "output") -> Path:
     """Where a file will really be written.
 
+    Parameters
+    ----------
+    path : Path
+        The file to make.
+    force : bool
+        Whether a file that stands there may be replaced.
+    place : str
+        What messages begin with.
+
+    Returns
+    -------
+    Path
+        Absolute, links followed.
+
     Raises
     ------
     InputError
         It exists and ``force`` is not set, is a folder, or its folder does not exist.
+
+    Examples
+    --------
+    >>> check_file(Path("."), force=True)
+    Traceback (most recent call last):
+    froxel_ref.records.InputError: output: '.' is a folder, must be a file
     """
     target = _resolved(path, place)
     if target.is_dir():
@@ -76,10 +110,23 @@ def check_file(path: Path, *, force: bool, place: str = "output") -> Path:
 def check_space(folder: Path, needed: int, *, place: str = "output") -> None:
     """Refuse what the disk cannot hold.
 
+    Parameters
+    ----------
+    folder : Path
+        Where it is to be written.
+    needed : int
+        How much that is [bytes].
+    place : str
+        What messages begin with.
+
     Raises
     ------
     InputError
         The file system of ``folder`` has fewer than ``needed`` bytes free.
+
+    Examples
+    --------
+    >>> check_space(Path("."), 0)
     """
     try:
         free = shutil.disk_usage(folder).free
@@ -94,10 +141,39 @@ def check_space(folder: Path, needed: int, *, place: str = "output") -> None:
 def whole_file(path: Path, *, force: bool = False, place: str = "output") -> Iterator[Path]:
     """A temporary name to write a file under; it takes its place when the block ends well.
 
+    Parameters
+    ----------
+    path : Path
+        The file to make.
+    force : bool
+        Whether a file that stands there may be replaced.
+    place : str
+        What messages begin with.
+
+    Yields
+    ------
+    Path
+        A name in the same folder with the same ending, at which nothing stands yet.
+
     Raises
     ------
     InputError
         As `check_file`, and for any operating-system error while writing.
+
+    Notes
+    -----
+    The new file replaces the old one in one step, so that a reader finds one of them, whole.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp(), "answer.txt")
+    >>> with whole_file(path) as partial:
+    ...     _ = partial.write_text("42")
+    ...     print(path.exists())
+    False
+    >>> path.read_text()
+    '42'
     """
     target = check_file(path, force=force, place=place)
     partial = _partial(target)
@@ -123,11 +199,31 @@ def whole_folder(path: Path, check: Callable[[Path], None], *, place: str = "out
     check : callable
         Called with the folder (links followed) before the first and before the last step; raises where
         what stands there must not be replaced.
+    place : str
+        What messages begin with.
+
+    Yields
+    ------
+    Path
+        An empty folder beside it.
 
     Raises
     ------
     InputError
         As ``check``, and for any operating-system error while writing.
+
+    Notes
+    -----
+    What stood there is put aside under another name and removed only when the new folder has its place.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp(), "set")
+    >>> with whole_folder(path, lambda target: None) as partial:
+    ...     _ = (partial / "a.txt").write_text("a")
+    >>> [file.name for file in path.iterdir()]
+    ['a.txt']
     """
     target = _resolved(path, place)
     check(target)

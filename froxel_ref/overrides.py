@@ -11,19 +11,8 @@ import dataclasses
 import re
 from typing import Any
 
-from froxel_ref.records import (
-    InputError,
-    Kind,
-    Many,
-    Nested,
-    Record,
-    Vector,
-    Word,
-    kinds_of,
-    shown,
-    suggest,
-    to_json,
-)
+from froxel_ref.kinds import Kind, Many, Nested, Vector, Word
+from froxel_ref.records import InputError, Record, kinds_of, shown, suggest, to_json
 from froxel_ref.settings import SWITCHES
 from froxel_ref.strict_json import MalformedError, parse
 

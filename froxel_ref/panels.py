@@ -16,11 +16,17 @@ import numpy as np
 
 from froxel_ref.arrays import Field
 from froxel_ref.display import NOTHING, Bytes, Display, grey, ramp_colours
+from froxel_ref.grid import depth_to_slice, slice_to_depth
 from froxel_ref.scene import Camera
 from froxel_ref.settings import Grid
 
 if TYPE_CHECKING:
     from PIL.Image import Image
+
+__all__ = [
+    "AMBER", "FAINT", "INK", "PANEL", "PAPER", "View", "canvas", "chosen_slices", "curve_panel", "drawable",
+    "image_panel", "legend", "plan_panel", "scaled", "slices_panel", "swatch", "tile_size", "write",
+]
 
 PAPER, PANEL = (22, 24, 28), (34, 37, 43)
 INK, FAINT, AMBER = (232, 234, 238), (150, 156, 166), (236, 178, 92)
@@ -30,7 +36,17 @@ _DRAWN = "°·…"  # all that the typeface has beyond ASCII
 
 
 class View(NamedTuple):
-    """What a picture needs to know of the frame: camera, froxel grid and the exposure of the display."""
+    """What a picture needs to know of the frame.
+
+    Attributes
+    ----------
+    camera : Camera
+        Its view and the size of its image [px].
+    grid : Grid
+        The froxels.
+    exposure : float
+        Of the display, a factor on radiance.
+    """
 
     camera: Camera
     grid: Grid
@@ -38,8 +54,8 @@ class View(NamedTuple):
 
 
 @lru_cache
-def font(size: int) -> Any:
-    """Pillow's own typeface: the same on every machine."""
+def _font(size: int) -> Any:
+    """Pillow's own typeface, the same on every machine, in a size in pixels."""
     from PIL import ImageFont
 
     return ImageFont.load_default(size)
@@ -47,10 +63,28 @@ def font(size: int) -> Any:
 
 def write(image: Image, at: tuple[float, float], words: str, size: int = 15,
           fill: tuple[int, int, int] = INK, width: float = math.inf, anchor: str = "la") -> None:
-    """Draw one line of text, shortened with dots where it would pass ``width`` pixels."""
+    """Draw one line of text, shortened with dots where it would be too wide.
+
+    Parameters
+    ----------
+    image : PIL.Image.Image
+        Drawn into.
+    at : tuple of 2 floats
+        Where the anchor lies: x and y from the top left corner [px].
+    words : str
+        What to write; see `drawable`.
+    size : int
+        Of the typeface [px].
+    fill : tuple of 3 ints
+        Its colour, 0 to 255.
+    width : float
+        The most that the line may take [px].
+    anchor : str
+        Pillow's two letters: ``la`` for top left, ``mm`` for the middle.
+    """
     from PIL import ImageDraw
 
-    draw, face, line = ImageDraw.Draw(image), font(size), drawable(words)
+    draw, face, line = ImageDraw.Draw(image), _font(size), drawable(words)
     while line and draw.textlength(line, font=face) > width:
         line = line[:-2].rstrip(" …,;") + "…" if len(line) > 2 else ""
     draw.text(at, line, font=face, fill=fill, anchor=anchor)
@@ -58,6 +92,16 @@ def write(image: Image, at: tuple[float, float], words: str, size: int = 15,
 
 def drawable(words: str) -> str:
     """The words in the characters that the typeface has: accents dropped, signs spelled out.
+
+    Parameters
+    ----------
+    words : str
+        Any text.
+
+    Returns
+    -------
+    str
+        The same; ``?`` for what has no spelling here.
 
     Examples
     --------
@@ -70,14 +114,50 @@ def drawable(words: str) -> str:
 
 
 def canvas(width: int, height: int, color: tuple[int, int, int] = PAPER) -> Image:
-    """An empty picture."""
+    """An empty picture.
+
+    Parameters
+    ----------
+    width, height : int
+        Its size [px].
+    color : tuple of 3 ints
+        What it is filled with, 0 to 255.
+
+    Returns
+    -------
+    PIL.Image.Image
+        RGB, 8 bits.
+
+    Examples
+    --------
+    >>> canvas(4, 3).size
+    (4, 3)
+    """
     from PIL import Image
 
     return Image.new("RGB", (int(width), int(height)), color)
 
 
 def scaled(colours: Bytes, width: int, height: int) -> Image:
-    """Texels as squares: enlarged by a whole factor, or averaged down, to fit a box."""
+    """Texels as squares: enlarged by a whole factor, or averaged down, to fit a box.
+
+    Parameters
+    ----------
+    colours : ndarray of uint8, shape (rows, columns, 3)
+        One texel each.
+    width, height : int
+        The box [px].
+
+    Returns
+    -------
+    PIL.Image.Image
+        At most as large as the box, unless that has no room for a pixel.
+
+    Examples
+    --------
+    >>> scaled(np.zeros((2, 3, 3), np.uint8), 10, 10).size
+    (9, 6)
+    """
     from PIL import Image
 
     rows, columns = colours.shape[:2]
@@ -89,7 +169,7 @@ def scaled(colours: Bytes, width: int, height: int) -> Image:
     return image.resize((max(1, round(columns * share)), max(1, round(rows * share))), Image.Resampling.BOX)
 
 
-def resampled(colours: Bytes, width: int, height: int) -> Image:
+def _resampled(colours: Bytes, width: int, height: int) -> Image:
     """An image resampled to fit a box, its proportions kept."""
     from PIL import Image
 
@@ -99,7 +179,7 @@ def resampled(colours: Bytes, width: int, height: int) -> Image:
     return Image.fromarray(np.ascontiguousarray(colours)).resize(size, Image.Resampling.LANCZOS)
 
 
-def flat(values: Field) -> str:
+def _flat(values: Field) -> str:
     """The value of a constant array in words."""
     numbers = [float(v) for v in values.ravel()]
     if len(set(numbers)) == 1:
@@ -108,32 +188,77 @@ def flat(values: Field) -> str:
 
 
 def swatch(values: Field, display: Display, width: int, height: int) -> Image:
-    """An array of equal values as a flat patch that says them; coloured where the values are a colour."""
+    """An array of equal values as a flat patch that says them; coloured where the values are a colour.
+
+    Parameters
+    ----------
+    values : ndarray, shape (C, ...)
+        Channel first, C 1 or 3; the first texel's are shown.
+    display : Display
+        How values become colours.
+    width, height : int
+        Size of the patch [px].
+
+    Returns
+    -------
+    PIL.Image.Image
+        The patch.
+    """
     values = values.reshape(values.shape[0], -1)[:, :1]
     red, green, blue = display.paint(values)[0].tolist()
     colour = (red, green, blue) if display.kind in ("radiance", "reflectance", "normal", "unit") else PANEL
     image = canvas(width, height, colour)
     ink = (20, 20, 20) if sum(colour) > 450 else INK
-    write(image, (width / 2, height / 2 - 12), flat(values), 18, ink, width - 8, "mm")
+    write(image, (width / 2, height / 2 - 12), _flat(values), 18, ink, width - 8, "mm")
     write(image, (width / 2, height / 2 + 12), "everywhere", 15, ink, width - 8, "mm")
     return image
 
 
 def image_panel(values: Field, display: Display, view: View, width: int, height: int, *,
                 on_grid: bool = False, exact: bool = True) -> Image:
-    """An image array (C, h, w) in a box; axes of length 1 are spread over the raster first.
+    """An image array in a box; axes of length 1 are spread over the raster first.
 
-    With ``exact`` it is enlarged by a whole factor only, else resampled to fill the box.
+    Parameters
+    ----------
+    values : ndarray, shape (C, h, w)
+        Channel first; h and w the raster's or 1.
+    display : Display
+        How values become colours.
+    view : View
+        The frame.
+    width, height : int
+        The box [px].
+    on_grid : bool
+        Whether the raster is the grid's, not the camera's.
+    exact : bool
+        Whether to enlarge by a whole factor only; else it is resampled to fill the box.
+
+    Returns
+    -------
+    PIL.Image.Image
+        The image.
     """
     rows, columns = values.shape[1:]
     full = (view.grid.height, view.grid.width) if on_grid else (view.camera.height, view.camera.width)
     shape = (rows if rows > 1 else full[0], columns if columns > 1 else full[1], 3)
     colours = np.broadcast_to(display.paint(values), shape)
-    return scaled(colours, width, height) if exact else resampled(colours, width, height)
+    return scaled(colours, width, height) if exact else _resampled(colours, width, height)
 
 
 def chosen_slices(values: Field, count: int) -> list[int]:
-    """Up to ``count`` slices of a volume (C, D, H, W): the first, the last, and the rest where it changes.
+    """Choose slices of a volume to show: the first, the last, and the rest where it changes.
+
+    Parameters
+    ----------
+    values : ndarray, shape (C, D, H, W)
+        The volume.
+    count : int
+        How many slices there is room for.
+
+    Returns
+    -------
+    list of int
+        At most ``count`` indices, growing.
 
     Examples
     --------
@@ -153,7 +278,25 @@ def chosen_slices(values: Field, count: int) -> list[int]:
 
 
 def tile_size(grid: Grid, target: int) -> tuple[int, int]:
-    """Width and height of a slice's picture about ``target`` pixels wide, by a whole factor if enlarged."""
+    """The size of a slice's picture, a whole factor of the grid's where that is enlarged.
+
+    Parameters
+    ----------
+    grid : Grid
+        Its width and height.
+    target : int
+        About how large the longer side is to be [px].
+
+    Returns
+    -------
+    width, height : int
+        In pixels.
+
+    Examples
+    --------
+    >>> tile_size(Grid(width=160, height=90), 180), tile_size(Grid(width=32, height=18), 180)
+    ((160, 90), (192, 108))
+    """
     if max(grid.width, grid.height) > 1.5 * target:
         share = target / max(grid.width, grid.height)
         return max(1, round(grid.width * share)), max(1, round(grid.height * share))
@@ -163,7 +306,30 @@ def tile_size(grid: Grid, target: int) -> tuple[int, int]:
 
 def slices_panel(values: Field, display: Display, view: View, shape: tuple[int, int], *,
                  at_boundary: bool, target: int, gap: int = 6) -> Image:
-    """Slices of a volume (C, D, H, W) in ``shape`` = (rows, columns) tiles, each with its depth in metres."""
+    """Slices of a volume side by side, each with its depth in metres.
+
+    Parameters
+    ----------
+    values : ndarray, shape (C, D, H, W)
+        Channel first, axes of length 1 where it does not vary.
+    display : Display
+        How values become colours.
+    view : View
+        The frame.
+    shape : tuple of 2 ints
+        The most rows and columns of tiles.
+    at_boundary : bool
+        Whether slice k holds what is at its far boundary, k + 1, rather than at its middle.
+    target : int
+        As for `tile_size`.
+    gap : int
+        Between tiles [px].
+
+    Returns
+    -------
+    PIL.Image.Image
+        The tiles on `PAPER`.
+    """
     grid, (rows, columns) = view.grid, shape
     picked = chosen_slices(values, rows * columns)
     columns = min(columns, len(picked))
@@ -180,8 +346,6 @@ def slices_panel(values: Field, display: Display, view: View, shape: tuple[int, 
 
 
 def _depth_words(k: int, values: Field, view: View, at_boundary: bool) -> str:
-    from froxel_ref.grid import slice_to_depth
-
     if values.shape[1] == 1:
         return "every slice"
     z = float(np.asarray(slice_to_depth(np.float64(k + 1 if at_boundary else k + 0.5), view.grid)))
@@ -189,10 +353,25 @@ def _depth_words(k: int, values: Field, view: View, at_boundary: bool) -> str:
 
 
 def plan_panel(values: Field, display: Display, view: View, width: int, height: int) -> Image:
-    """The volume seen from above, to scale: the plane of view space through the image's middle row."""
-    from PIL import Image
+    """The volume seen from above, to scale: the plane of view space through the image's middle row.
 
-    from froxel_ref.grid import depth_to_slice
+    Parameters
+    ----------
+    values : ndarray, shape (C, D, H, W)
+        Channel first, axes of length 1 where it does not vary.
+    display : Display
+        How values become colours.
+    view : View
+        The frame.
+    width, height : int
+        The box [px].
+
+    Returns
+    -------
+    PIL.Image.Image
+        The camera is at the bottom, in the middle; outside the grid is `PANEL`.
+    """
+    from PIL import Image
 
     camera, grid = view.camera, view.grid
     half_width = math.tan(math.radians(camera.vertical_fov) / 2.0) * camera.width / camera.height
@@ -216,7 +395,22 @@ def plan_panel(values: Field, display: Display, view: View, width: int, height: 
 
 
 def curve_panel(values: Field, width: int, height: int, label: str = "slice") -> Image:
-    """A one-dimensional array as a curve over its index."""
+    """A one-dimensional array as a curve over its index.
+
+    Parameters
+    ----------
+    values : ndarray, shape (C, n) or (C, D, 1, 1)
+        One curve for each channel.
+    width, height : int
+        Size of the picture [px].
+    label : str
+        What the index counts.
+
+    Returns
+    -------
+    PIL.Image.Image
+        The curves, with the range beside them.
+    """
     from PIL import ImageDraw
 
     image = canvas(width, height, PANEL)
@@ -240,7 +434,22 @@ def curve_panel(values: Field, width: int, height: int, label: str = "slice") ->
 
 
 def legend(display: Display, width: int, *, plain: bool = False) -> Image:
-    """The range in words, with the ramp beside it where there is one; with ``plain``, only the range."""
+    """The range of the values in words, with the ramp beside it where there is one.
+
+    Parameters
+    ----------
+    display : Display
+        How values become colours.
+    width : int
+        Of the picture [px].
+    plain : bool
+        Whether to give the range alone.
+
+    Returns
+    -------
+    PIL.Image.Image
+        A line, 22 pixels high.
+    """
     from PIL import Image
 
     image, x = canvas(width, 22), 0

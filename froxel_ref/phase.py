@@ -161,12 +161,12 @@ def henyey_greenstein(cos_theta: ArrayLike, g: ArrayLike, *, versine: ArrayLike 
 
     Notes
     -----
-    (1 − g²)/(4π d^{3/2}) [Dörries 2020, listing 3.2; Kosian 2020, eq. 2.3] with d = (1−g)² + 2g(1 − cos θ)
-    for g ≥ 0, and the mirrored (1+g)² − 2g(1 + cos θ) for g < 0, where the textbook's 1 + g² − 2g cos θ
-    loses all digits as |g| → 1. Every term is positive, so the relative error stays at most 8 ε for all g
-    and angles, ε the type's epsilon (measured: 3.9). 1 + cos θ always comes from `cos_theta`, for
-    2 − versine has lost the digits of a backward lobe. p(cos θ, g) = p(−cos θ, −g): a caller who needs
-    them passes −g with the versine of the mirrored light.
+    (1 − g²)/(4π d^{3/2}) [Henyey 1941; Dörries 2020, listing 3.2; Kosian 2020, eq. 2.3] with
+    d = (1−g)² + 2g(1 − cos θ) for g ≥ 0, and the mirrored (1+g)² − 2g(1 + cos θ) for g < 0, where the
+    textbook's 1 + g² − 2g cos θ loses all digits as |g| → 1. Every term is positive, so the relative error
+    stays at most 8 ε for all g and angles, ε the type's epsilon (measured: 3.9). 1 + cos θ always comes from
+    `cos_theta`, for 2 − versine has lost the digits of a backward lobe. p(cos θ, g) = p(−cos θ, −g): a caller
+    who needs them passes −g with the versine of the mirrored light.
 
     Examples
     --------
@@ -243,8 +243,8 @@ def cornette_shanks(cos_theta: ArrayLike, g: ArrayLike, *, versine: ArrayLike | 
 
     Notes
     -----
-    3/(8π)·(1 − g²)(1 + cos²θ)/((2 + g²) d^{3/2}), d as in `henyey_greenstein` [Intel 2012]. Relative error
-    at most 8 ε (measured: 4.7).
+    3/(8π)·(1 − g²)(1 + cos²θ)/((2 + g²) d^{3/2}), d as in `henyey_greenstein` [Cornette 1992; Intel 2012].
+    Relative error at most 8 ε (measured: 4.7).
 
     Examples
     --------
@@ -286,8 +286,8 @@ def schlick(
 
     Notes
     -----
-    (1 − k²)/(4π(1 − k cos θ)²), k = 1.55 g − 0.55 g³ [Kosian 2020, eq. 2.4, which has 1 + k cos θ: D14;
-    with g = 0.8 the two differ by a factor of 2200 towards the light].
+    (1 − k²)/(4π(1 − k cos θ)²) [Blasi 1993] with k = 1.55 g − 0.55 g³ [Kosian 2020, eq. 2.4], which has
+    1 + k cos θ (D14): with g = 0.8 the two differ by a factor of 2200 towards the light.
 
     S1, a departure found here: the fit exceeds 1 for 0.93812 < |g| < 1 (up to 1.00153). There the function is
     negative (−104 sr⁻¹ towards the light at g = 0.97, where Henyey–Greenstein is +174), has a pole at

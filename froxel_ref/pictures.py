@@ -15,12 +15,12 @@ from froxel_ref import panels
 from froxel_ref.arrays import Field
 from froxel_ref.display import Bytes, Display, display_for, to_srgb8
 from froxel_ref.panels import AMBER, FAINT, INK, PAPER, View, canvas, write
+from froxel_ref.stages import QUANTITIES, Quantity
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
     from froxel_ref.frame import Frame, Planned
-    from froxel_ref.stages import Quantity
 
 __all__ = [
     "View", "channel_first", "contact_sheet", "final_image", "full_axes", "preview", "to_srgb8", "varying",
@@ -35,12 +35,43 @@ HERO = ("apply/radiance", "surface/radiance", "apply/fog_radiance", "apply/fog_t
 
 
 def full_axes(array: Field, quantity: Quantity) -> str:
-    """The array's axes: the quantity's, and a channel in front where its extinction is per colour."""
+    """The array's axes: the quantity's, and a channel in front where its extinction is per colour.
+
+    Parameters
+    ----------
+    array : array
+        A result of `froxel_ref.frame.run_frame`.
+    quantity : Quantity
+        What it is.
+
+    Returns
+    -------
+    str
+        A letter for each axis, such as ``czyx``.
+
+    Examples
+    --------
+    >>> from froxel_ref.stages import QUANTITIES
+    >>> full_axes(np.ones((3, 1, 1, 1)), QUANTITIES["media/extinction"])
+    'czyx'
+    """
     return "c" * (array.ndim - len(quantity.axes)) + quantity.axes
 
 
 def varying(array: Field, quantity: Quantity) -> str:
     """The axes of z, y, x along which the array has more than one entry.
+
+    Parameters
+    ----------
+    array : array
+        A result of `froxel_ref.frame.run_frame`.
+    quantity : Quantity
+        What it is.
+
+    Returns
+    -------
+    str
+        Their letters, in order.
 
     Examples
     --------
@@ -53,7 +84,26 @@ def varying(array: Field, quantity: Quantity) -> str:
 
 
 def channel_first(array: Field, quantity: Quantity) -> Field:
-    """The array as (C, ...) with C 1 or 3; the lobes of a mixture are added up."""
+    """The array with a channel axis in front; the lobes of a mixture are added up.
+
+    Parameters
+    ----------
+    array : array
+        A result of `froxel_ref.frame.run_frame`.
+    quantity : Quantity
+        What it is.
+
+    Returns
+    -------
+    array, shape (C, ...)
+        C is 1 or 3.
+
+    Examples
+    --------
+    >>> from froxel_ref.stages import QUANTITIES
+    >>> channel_first(np.zeros((4, 1, 1)), QUANTITIES["integrate/transmittance"]).shape
+    (1, 4, 1, 1)
+    """
     axes = full_axes(array, quantity)
     if axes.startswith("l") and len(axes) > 1:
         array, axes = array.sum(axis=0), axes[1:]
@@ -236,8 +286,6 @@ def _hero(frame: Frame, view: View, width: int) -> Image:
 
 
 def _image_cell(frame: Frame, name: str, view: View, height: int) -> Image:
-    from froxel_ref.stages import QUANTITIES
-
     array, quantity = frame.results[name], QUANTITIES[name]
     values = channel_first(array, quantity)
     display = display_for(name, values, view.exposure)
@@ -275,8 +323,6 @@ def _stage(frame: Frame, planned: Planned, view: View, width: int) -> Image:
 
 
 def _cell(array: Field, name: str, view: View, width: int) -> Image:
-    from froxel_ref.stages import QUANTITIES
-
     quantity = QUANTITIES[name]
     values = channel_first(array, quantity)
     display = display_for(name, values, view.exposure)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from froxel_ref import blocks
+from froxel_ref.records import InputError, shown
 
 __all__ = ["ADDRESSES", "fetch_bilinear", "fetch_nearest", "fetch_trilinear"]
 
@@ -58,7 +59,7 @@ def fetch_trilinear(texture: Array, x: ArrayLike, y: ArrayLike, z: ArrayLike, *,
 
     Raises
     ------
-    ValueError
+    InputError
         Wrong number of axes, an axis without texels, unknown address, weight_bits outside 1…23.
 
     Notes
@@ -106,7 +107,7 @@ def fetch_bilinear(texture: Array, x: ArrayLike, y: ArrayLike, *, address: str =
 
     Raises
     ------
-    ValueError
+    InputError
         As for `fetch_trilinear`.
 
     Notes
@@ -142,7 +143,7 @@ def fetch_nearest(texture: Array, x: ArrayLike, y: ArrayLike, z: ArrayLike | Non
 
     Raises
     ------
-    ValueError
+    InputError
         As for `fetch_trilinear`; also a coordinate that has no texel (NaN, or infinite with "wrap").
 
     Examples
@@ -154,23 +155,23 @@ def fetch_nearest(texture: Array, x: ArrayLike, y: ArrayLike, z: ArrayLike | Non
     _check(texture, len(coordinates), address)
     wide = [np.asarray(c) for c in coordinates]
     if not all(np.isfinite(c).all() if address == "wrap" else not np.isnan(c).any() for c in wide):
-        raise ValueError("a coordinate is NaN or, with 'wrap', infinite; must be a number to name a texel")
+        raise InputError("coordinate", "is NaN or, with 'wrap', infinite; must be a number to name a texel")
     return _fetch(texture, coordinates, address, None, threads, nearest=True)
 
 
 def _check(texture: Array, axes: int, address: str) -> None:
     if texture.ndim not in (axes, axes + 1) or 0 in texture.shape:
-        raise ValueError(f"texture has shape {texture.shape}, must have {axes} axes, or {axes + 1} with "
-                         "channels first, none of them empty")
+        raise InputError("texture", f"has shape {texture.shape}, must have {axes} axes, or {axes + 1} with "
+                                    "channels first, none of them empty")
     if address not in ADDRESSES:
-        raise ValueError(f"address is {address!r}, must be one of {', '.join(ADDRESSES)}")
+        raise InputError("address", f"is {shown(address)}, must be one of {', '.join(ADDRESSES)}")
 
 
 def _fetch(texture: Array, coordinates: Sequence[ArrayLike], address: str, weight_bits: int | None,
            threads: int | None, *, nearest: bool = False) -> Array:
     """The common body; ``coordinates`` are in the order of the texture's axes, slowest first."""
     if weight_bits is not None and weight_bits not in range(1, 24):
-        raise ValueError(f"weight_bits is {weight_bits!r}, must be None or 1 to 23")
+        raise InputError("weight_bits", f"is {shown(weight_bits)}, must be None or 1 to 23")
     sizes = texture.shape[-len(coordinates):]
     # A lone Python number takes part in the arithmetic but not in the choice of dtype (as in NumPy itself).
     dtype = texture.dtype if nearest else _float(texture, *coordinates)

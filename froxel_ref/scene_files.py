@@ -13,18 +13,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from froxel_ref.kinds import integer, nested
 from froxel_ref.overrides import override
-from froxel_ref.records import (
-    InputError,
-    Record,
-    from_json,
-    integer,
-    json_schema,
-    nested,
-    shown,
-    suggest,
-    to_json,
-)
+from froxel_ref.records import InputError, Record, from_json, json_schema, shown, suggest, to_json
 from froxel_ref.scene import Scene
 from froxel_ref.settings import Settings
 from froxel_ref.strict_json import parse
@@ -45,7 +36,17 @@ class Document(Record):
 
 
 class Loaded(NamedTuple):
-    """A scene, how its frame is computed, and the folder of the files that it names (None: there is none)."""
+    """A scene and how its frame is computed.
+
+    Attributes
+    ----------
+    scene : Scene
+        What is in the world.
+    settings : Settings
+        How its frame is computed.
+    folder : Path or None
+        Where the files lie that the scene names; None if there is no such folder.
+    """
 
     scene: Scene
     settings: Settings
@@ -99,7 +100,12 @@ def load(name_or_path: str | PathLike[str], *, overrides: Sequence[str] = (),
 
 
 def builtin() -> dict[str, str]:
-    """The built-in scenes: their names, in order, and what each shows in one sentence.
+    """The built-in scenes.
+
+    Returns
+    -------
+    dict of str to str
+        Their names, in order, and what each shows in one sentence.
 
     Examples
     --------
@@ -112,6 +118,18 @@ def builtin() -> dict[str, str]:
 def document(scene: Scene, settings: Settings) -> dict[str, Any]:
     """The JSON form of a scene and its settings: every field, and nothing lost when it is loaded again.
 
+    Parameters
+    ----------
+    scene : Scene
+        What is in the world.
+    settings : Settings
+        How its frame is computed.
+
+    Returns
+    -------
+    dict
+        With the keys ``schema``, ``scene`` and ``settings``; plain values that `json.dumps` takes.
+
     Examples
     --------
     >>> document(Scene(name="empty"), Settings())["scene"]["name"]
@@ -122,7 +140,12 @@ def document(scene: Scene, settings: Settings) -> dict[str, Any]:
 
 
 def schema() -> dict[str, Any]:
-    """The JSON Schema (2020-12) of scene files; rules between fields are the records' alone.
+    """The JSON Schema (2020-12) of scene files.
+
+    Returns
+    -------
+    dict
+        Plain values. Rules between fields are not in it, they are the records' alone.
 
     Examples
     --------

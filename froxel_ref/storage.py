@@ -17,7 +17,7 @@ unorm16     integer        16       1               1                         0 
 +∞ stays +∞ in the float formats and becomes 1 in UNORM. "nearest" makes ±∞ of what lies half a step or
 more beyond the largest number (65520 in float16), as IEEE 754 has it; "truncate" never makes an infinity
 of a finite number. R11G11B10F never does either, in both roundings, by the rules of OpenGL
-(EXT_packed_float, §2.1.A and B) and of Direct3D; it has no sign, so what is negative becomes 0.
+[EXT_packed_float, §2.1.A and B] and of Direct3D; it has no sign, so what is negative becomes 0.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def encode_r11g11b10f(array: Field, *, rounding: str = "nearest") -> NDArray[np.
 
     Notes
     -----
-    Layout of GL_UNSIGNED_INT_10F_11F_11F_REV and DXGI_FORMAT_R11G11B10_FLOAT.
+    Layout of GL_UNSIGNED_INT_10F_11F_11F_REV [EXT_packed_float] and DXGI_FORMAT_R11G11B10_FLOAT.
 
     Examples
     --------

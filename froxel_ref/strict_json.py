@@ -25,6 +25,11 @@ def parse(text: str, source: str) -> Any:
     source : str
         What messages call it, such as its path.
 
+    Returns
+    -------
+    JSON value
+        dict, list, str, int, float, bool or None.
+
     Raises
     ------
     InputError

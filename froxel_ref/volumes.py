@@ -23,7 +23,7 @@ from numpy.typing import DTypeLike, NDArray
 from froxel_ref.records import InputError, shown
 from froxel_ref.scene import NoiseDensity, VolumeDensity
 
-__all__ = ["noise", "open_input", "read_density", "read_npy", "read_vol", "refuse", "volume_bounds"]
+__all__ = ["noise", "open_input", "read_density", "read_npy", "read_vol", "refuse"]
 
 StrPath = str | os.PathLike[str]
 Bounds = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -225,7 +225,7 @@ def read_vol(path: StrPath, *, place: str = "") -> tuple[NDArray[np.float32], Bo
     values : ndarray, float32, shape (nz, ny, nx)
         The grid.
     bounds : ((xmin, ymin, zmin), (xmax, ymax, zmax))
-        As `volume_bounds`.
+        The two corners of its box, in the units of the program that wrote it.
 
     Raises
     ------
@@ -236,34 +236,19 @@ def read_vol(path: StrPath, *, place: str = "") -> tuple[NDArray[np.float32], Bo
     -----
     Bytes ``VOL``, uint8 version 3, int32 type (1: float32, the only one read), int32 nx, ny, nz and
     channels (1), six float32 bounds, then the values, x fastest; little-endian [Mitsuba 0.6, gridvolume].
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp(), "two.vol")
+    >>> header = struct.pack("<3sB5i6f", b"VOL", 3, 1, 2, 1, 1, 1, 0.0, 0.0, 0.0, 2.0, 1.0, 1.0)
+    >>> _ = path.write_bytes(header + struct.pack("<2f", 0.25, 0.75))
+    >>> read_vol(path)
+    (array([[[0.25, 0.75]]], dtype=float32), ((0.0, 0.0, 0.0), (2.0, 1.0, 1.0)))
     """
     with open_input(path, place=place) as (file, size):
         shape, bounds = _vol_header(file, path, place)
         return _values(file, size, np.dtype("<f4"), shape, path, place), bounds
-
-
-def volume_bounds(path: StrPath, *, place: str = "") -> Bounds:
-    """The bounding box that a ``.vol`` file states, in the units of the program that wrote it.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-    place : str
-        Where the path was given, for messages.
-
-    Returns
-    -------
-    ((xmin, ymin, zmin), (xmax, ymax, zmax))
-        Its two corners.
-
-    Raises
-    ------
-    InputError
-        Any fault of the file's header.
-    """
-    with open_input(path, place=place) as (file, _):
-        return _vol_header(file, path, place)[1]
 
 
 def _vol_header(file: BinaryIO, path: StrPath, place: str) -> tuple[tuple[int, int, int], Bounds]:
@@ -312,6 +297,15 @@ def read_density(source: VolumeDensity, path: StrPath, *, place: str = "",
     ------
     InputError
         Any fault of the file; NaN, infinite or negative densities; an unknown extension.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp(), "smoke.raw")
+    >>> _ = path.write_bytes(bytes([0, 51, 102, 255]))
+    >>> read_density(VolumeDensity(path="smoke.raw", shape=(1, 2, 2), dtype="uint8", multiplier=2.0), path)
+    array([[[0. , 0.4],
+            [0.8, 2. ]]])
     """
     values = _stored(source, path, place)
     where = _under(place, "path")
@@ -361,6 +355,13 @@ def refuse(values: NDArray[Any], wrong: NDArray[np.bool_], rule: str, path: StrP
     ------
     InputError
         If any value is wrong.
+
+    Examples
+    --------
+    >>> heights = np.array([1.0, -2.0, -3.0])
+    >>> refuse(heights, heights < 0.0, "must be at least 0", "h.npy", place="heights")
+    Traceback (most recent call last):
+    froxel_ref.records.InputError: heights: 'h.npy' holds -2 at [1] (2 such values); must be at least 0
     """
     count = int(np.count_nonzero(wrong))
     if count:

@@ -107,16 +107,15 @@ def test_image_buffers_become_channel_first(folder: Path) -> None:
     assert load_assets(buffers(radiance=None), folder).radiance is None
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_dtype_is_as_asked(folder: Path, dtype: type) -> None:
-    got = load_assets(buffers(), folder, dtype=dtype)
+def test_all_is_float64_whatever_the_files_hold(folder: Path) -> None:
+    got = load_assets(buffers(), folder)
     assert got.depth is not None
     assert got.radiance is not None
     fields = tuple(HeightField(heights=h) for h in (Folds(), HeightsFile(path="heights.npy")))
     scene = Scene(local_media=media(NoiseDensity(size=4), VolumeDensity(path="density.npy")), surfaces=fields)
-    more = load_assets(scene, folder, dtype=dtype)
+    more = load_assets(scene, folder)
     arrays = [got.depth, got.radiance, *more.textures.values(), *more.heights.values()]
-    assert [a.dtype for a in arrays] == [dtype] * 6
+    assert [a.dtype for a in arrays] == [np.float64] * 6
 
 
 def test_the_same_source_is_read_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,17 +133,6 @@ def test_the_same_source_is_read_once(folder: Path, monkeypatch: pytest.MonkeyPa
     assert set(got.meshes) == {red, blue}
     source = VolumeDensity(path="density.npy")
     assert len(load_assets(Scene(local_media=media(source, source)), folder).textures) == 1
-
-
-def test_only_what_is_asked_for_is_read() -> None:
-    scene = Scene(local_media=media(VolumeDensity(path="no.npy")),
-                  surfaces=(HeightField(heights=Folds()), Mesh(path="no.obj")))
-    got = load_assets(scene, None, only=("heights",))
-    assert got == Assets({}, got.heights, {}, None, None)
-    assert len(got.heights) == 1
-    assert load_assets(buffers(), None, only=()) == Assets({}, {}, {}, None, None)
-    with pytest.raises(ValueError, match="must be some of textures, heights"):
-        load_assets(scene, None, only=("mesh",))
 
 
 def test_a_scene_without_files_needs_no_folder() -> None:

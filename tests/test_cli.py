@@ -63,7 +63,7 @@ def test_the_examples_of_the_help_are_accepted(capsys: pytest.CaptureFixture[str
     examples = set()
     for command in ("", "render", "golden", "explain"):
         examples |= set(re.findall(r"^  froxel-ref (.+)$", printed(capsys, *command.split(), "--help"), re.M))
-    runnable = [e for e in examples if not re.search(r"my-scene|\.\./|>", e)]
+    runnable = [e for e in examples if not re.search(r"my-scene|path/to/|>", e)]
     assert len(runnable) >= 7
     for example in runnable:
         words = shlex.split(example)

@@ -30,7 +30,7 @@ from froxel_ref.scene import (
     VolumeDensity,
 )
 from froxel_ref.scene_files import Loaded, document
-from froxel_ref.settings import Grid, Settings, replace
+from froxel_ref.settings import Grid, Settings, Switches, replace
 from froxel_ref.stages import QUANTITIES
 
 SCENE = Scene(
@@ -137,6 +137,19 @@ def test_the_manifest_holds_the_input_in_full_and_no_place_of_the_machine(writte
     text = (written.folder / MANIFEST).read_text(encoding="utf-8")
     assert str(written.folder.parent) not in text
     assert os.uname().nodename not in text or len(os.uname().nodename) < 4
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize(("fidelity", "lookup", "emission"), [
+    ("corrected", "boundary", "absorption"), ("published", "centre", "absorption")])
+def test_the_manifest_says_every_switch_in_force(fidelity: str, lookup: str, emission: str,
+                                                 tmp_path: Path) -> None:
+    """Without this package nobody can tell what ``null`` under a fidelity comes to."""
+    given = loaded(settings=replace(SETTINGS, fidelity=fidelity, emission=emission))
+    switches = write_golden(frame(given), given, tmp_path / "set").manifest["resolved_switches"]
+    assert set(switches) == {field.name for field in dataclasses.fields(Switches)}
+    assert (switches["lookup"], switches["emission"]) == (lookup, emission)
+    assert None not in switches.values()
 
 
 @pytest.mark.usefixtures("quick")

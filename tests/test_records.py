@@ -14,29 +14,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from froxel_ref.records import (
-    InputError,
+from froxel_ref.kinds import (
     Many,
     Nested,
     Number,
-    Record,
     Vector,
     Word,
     choice,
     flag,
-    from_json,
     integer,
-    json_schema,
     many,
     nested,
     number,
     numbers,
-    shown,
-    suggest,
     text,
-    to_json,
     vector,
 )
+from froxel_ref.records import InputError, Record, from_json, json_schema, shown, suggest, to_json
 
 
 @dataclass(frozen=True, kw_only=True)

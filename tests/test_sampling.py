@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from froxel_ref import blocks
+from froxel_ref.records import InputError
 from froxel_ref.sampling import fetch_bilinear, fetch_nearest, fetch_trilinear
 
 RAMP = np.array([10.0, 20.0, 40.0]).reshape(1, 1, 3)
@@ -273,7 +274,7 @@ def test_no_points_give_no_values() -> None:
     (lambda: fetch_nearest(VOLUME, INF, 0, 0, address="wrap"), "infinite"),
 ])
 def test_misuse_is_refused(call: object, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(InputError, match=words):
         call()  # type: ignore[operator]
 
 
