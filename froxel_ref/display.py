@@ -283,14 +283,14 @@ class Display(NamedTuple):
         Examples
         --------
         >>> Display("depth", 0.5, 64.0, 1.0).label()
-        '0.5 to 64, logarithmic'
+        '0.5 to 64 and beyond, logarithmic'
         """
         span = f"{self.low:.4g} to {self.high:.4g}"
         if self.kind == "radiance":
             return f"peak {self.high:.4g}, exposure x{self.exposure:.4g}, tone-mapped"
         if self.kind in ("normal", "reflectance", "unit"):
             return span
-        return f"{span}, logarithmic" if self.kind == "depth" else span
+        return f"{span} and beyond, logarithmic" if self.kind == "depth" else f"{span} on the scale"
 
 
 def display_for(name: str, values: Field, exposure: float = 1.0) -> Display:
@@ -323,7 +323,9 @@ def display_for(name: str, values: Field, exposure: float = 1.0) -> Display:
     if kind == "radiance":
         return Display(kind, low, high, exposure if name == FINAL else _exposed(values, exposure))
     if kind == "depth":
-        return Display(kind, max(low, 1e-6), max(high, 1e-6), 1.0)
+        # A floor that runs to the horizon would take the scale from everything near.
+        near = float(np.quantile(values[finite], 0.9)) if finite.any() else high
+        return Display(kind, max(low, 1e-6), max(min(high, 2.0 * near), 1e-6), 1.0)
     if kind == "unit":
         return Display(kind, low, high, 1.0)
     return Display(kind, min(low, 0.0) if kind in ("scalar", "colour") else low, high, 1.0)

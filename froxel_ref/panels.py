@@ -389,8 +389,8 @@ def plan_panel(values: Field, display: Display, view: View, width: int, height: 
     colours = np.where(inside[..., None], colours, np.array(PANEL, np.uint8))
     image = canvas(max(wide, 280), max(tall, 60), PANEL)
     image.paste(Image.fromarray(colours.astype(np.uint8)), ((image.width - wide) // 2, image.height - tall))
-    write(image, (6, image.height - 42), "from above,", 15, FAINT, 130)
-    write(image, (6, image.height - 22), f"{grid.far:.4g} m deep", 15, FAINT, 130)
+    write(image, (6, image.height - 42), "middle row from", 15, FAINT, 130)
+    write(image, (6, image.height - 22), f"above, {grid.far:.4g} m", 15, FAINT, 130)
     return image
 
 

@@ -189,14 +189,15 @@ def _framed(body: Image, name: str, array: Field, quantity: Quantity, display: D
     """A picture with its name and unit above, its range and axes below."""
     width = max(body.width, min_width)
     axes, unit = varying(array, quantity), f"  [{quantity.unit}]" if quantity.unit != "1" else ""
-    carried = f"carries the axes {', '.join(axes)}" if len(axes) > 1 else f"carries {axes or 'no axis'}"
+    same = _equal(channel_first(array, quantity))
+    carried = "the same everywhere" if same else f"varies along {', '.join(axes) or 'its lobes'}"
     picture = canvas(width, body.height + HEAD + FOOT)
     write(picture, (0, 0), f"{name}{unit}", 20, INK, width)
     picture.paste(body, (0, HEAD))
     foot = HEAD + body.height + 4
-    values = channel_first(array, quantity)
-    if not _equal(values):
-        picture.paste(panels.legend(display, width, plain=_along_one(values)), (0, foot))
+    if not same:
+        plain = _along_one(channel_first(array, quantity))
+        picture.paste(panels.legend(display, width, plain=plain), (0, foot))
         foot += 23
     write(picture, (0, foot), carried, 16, FAINT, width)
     return picture

@@ -18,10 +18,13 @@ EXPECTED = {
     "emission": ("D2", "per_metre", "published", "published"),
     "integrator": ("D3", "analytic", "published", "published"),
     "lookup": ("D4", "boundary", "centre", "centre"),
+    "near_surface": ("A11", "fog", "first_slice", "first_slice"),
+    "surface_term": ("D5", "outside", "outside", "outside"),
     "integrate_from": ("D6", "camera", "near", "near"),
     "phase_mixing": ("D12", "weighted", "mean", "mean"),
     "density_addressing": ("A5", "wrap", "wrap", "clamp"),
     "attenuation": ("A6", "min_distance", "min_distance", "inverse_radius"),
+    "light_power": ("A6", "solid_angle", "solid_angle", "author"),
     "ambient": ("A7", "scene", "scene", "constant"),
     "exposure": ("A12", "display", "display", "lighting"),
 }
