@@ -11,6 +11,7 @@ import argparse
 
 import numpy as np
 from timing import interleaved, table
+from tqdm import tqdm
 
 from froxel_ref import scene_files
 from froxel_ref.assets import load_assets
@@ -51,7 +52,8 @@ def main() -> None:
     options = parser.parse_args()
     head = ("scene", "left out", "planned ms", "forced ms", "time", "planned MB", "forced MB", "memory", "same bits")
     print("least of several runs, warm, at each scene's own size and precision\n")
-    print(table([row(name, options.repeats) for name in options.scenes], head))
+    rows = [row(name, options.repeats) for name in tqdm(options.scenes, leave=False, disable=None)]
+    print(table(rows, head))
 
 
 if __name__ == "__main__":

@@ -183,7 +183,8 @@ def input_path(folder: Folder, path: str, place: str) -> Path:
         raise InputError(place, f"{path!r} is absolute, must be relative to the scene's folder")
     hint = "--data DIR names the folder"
     if folder is None:
-        raise InputError(place, f"{path!r} is relative, but the scene has no folder; {hint}")
+        raise InputError(place, f"{path!r} is a file, but its folder is not given; {hint} "
+                                "(in Python: assets=load_assets(scene, folder))")
     try:
         base = Path(folder).resolve()
         found = (base / path).resolve()

@@ -71,6 +71,8 @@ class Frame:
     settings: Settings
 
     def __getitem__(self, name: str) -> Field:
+        if name not in self.results:
+            raise KeyError(f"{name!r} is not among the results; {suggest(name, self.results)}")
         return self.results[name]
 
     @property
@@ -170,7 +172,7 @@ def plan(scene: Scene, settings: Settings | None = None, outputs: Iterable[str] 
             runs, why = stage.needed(scene, settings)
         if runs:
             asked |= set(stage.reads)
-        planned.append(Planned(stage, runs, why, stage.parts(scene, settings)))
+        planned.append(Planned(stage, runs, why, stage.parts(scene, settings) if runs else ()))
     return Plan(tuple(reversed(planned)), wanted)
 
 

@@ -200,7 +200,8 @@ class Word(Kind):
         if not isinstance(value, str):
             raise InputError("", f"is {shown(value)}, must be a string")
         if self.words and value not in self.words:
-            raise InputError("", f"is {shown(value)}, must be one of {', '.join(self.words)}")
+            allowed = f"one of {', '.join(self.words)}" if len(self.words) > 1 else shown(self.words[0])
+            raise InputError("", f"is {shown(value)}, must be {allowed}")
         if re.search(_UNPRINTABLE, value):
             raise InputError("", f"is {shown(value)}, must hold no control characters")
         return value

@@ -62,6 +62,8 @@ def _resolved(path: Path, place: str) -> Path:
         if not target.parent.is_dir():
             missing = "is not a folder" if target.parent.exists() else "does not exist"
             raise InputError(place, f"{shown(str(path))} cannot be written: its folder {missing}")
+    except InputError:
+        raise
     except (ValueError, RuntimeError) as error:  # a NUL in the path; a loop of links
         raise InputError(place, f"{shown(str(path))} cannot be written: {error}") from None
     except OSError as error:

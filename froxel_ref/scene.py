@@ -78,7 +78,8 @@ class Transform(Record):
     rotate: Vec3 = vector(BLACK, "turns about the world's x, then y, then z axis", unit="degrees")
     scale: Vec3 = vector(WHITE, "metres per local unit along each local axis (half the extent)", unit="m")
     matrix: tuple[float, ...] | None = vector(
-        None, "instead of the three above: world_from_local, 3 rows of 4", length=12, optional=True)
+        None, "instead of the three above: world_from_local as 12 numbers, its 3 rows of 4 one after the other",
+        length=12, optional=True)
 
     def check_together(self) -> None:
         if self.matrix is not None and (self.translate, self.rotate, self.scale) != (BLACK, BLACK, WHITE):

@@ -202,7 +202,7 @@ def test_zero_bytes_are_no_name(folder: Path) -> None:
 
 
 def test_no_folder_is_said(folder: Path) -> None:
-    with pytest.raises(InputError, match="scene has no folder; --data DIR"):
+    with pytest.raises(InputError, match="its folder is not given; --data DIR"):
         load_assets(with_mesh("sub/square.obj"), None)
 
 
