@@ -59,14 +59,13 @@ CONSTANT_AMBIENT = 1.0 / (4.0 * math.pi * math.pi)
 
 
 class Job(NamedTuple):
-    """All that a block needs; ``skies`` is None where directional light varies along z."""
+    """All that a block needs."""
 
     froxels: Froxels
     vbuffer: VBuffer
     lobes: list[Lobe]
     suns: list[SunRays]
     ambient: Field
-    skies: list[Field | None]
     lamps: Lamps
     emission: str
     exposure: float
@@ -152,35 +151,27 @@ def in_scattering(
             raise InputError(switch, f"is {word!r}; {suggest(word, set(SWITCHES[switch]))}")
     if phase_function not in PHASE:
         raise InputError("phase_function", f"is {phase_function!r}; {suggest(phase_function, PHASE)}")
-    job = _prepare(
-        vbuffer, lights, froxels, phase_function, second_lobe, attenuation, restrict,
-        (CONSTANT_AMBIENT,) * 3 if ambient_term == "constant" else ambient, visibility)
-    job = job._replace(emission=emission, exposure=exposure)
-    job = job._replace(skies=[None if _along_z(job, lobe) else _sky(job, lobe, lobe.g) for lobe in job.lobes])
-    shape = _shape(job)
-    result = np.empty((3, *shape), froxels.depths.dtype)
+    dtype = froxels.depths.dtype
+    lobes = _lobes(vbuffer, phase_function, second_lobe, dtype)
+    suns = [sun_rays(i, light, froxels.rays) for i, light in enumerate(lights)
+            if isinstance(light, DirectionalLight)]
+    local = {i: light for i, light in enumerate(lights) if not isinstance(light, DirectionalLight)}
+    sky = (CONSTANT_AMBIENT,) * 3 if ambient_term == "constant" else ambient
+    job = Job(
+        froxels=froxels, vbuffer=vbuffer, lobes=lobes, suns=suns, ambient=channels(sky, dtype), emission=emission,
+        lamps=relate_lamps(local, lobes, froxels, attenuation=attenuation, restrict=restrict, visibility=visibility),
+        exposure=exposure, visibility=visibility)
+    skies = [None if _along_z(job, lobe) else _sky(job, lobe, lobe.g) for lobe in lobes]
+    shape = _shape(job, skies)
+    result = np.empty((3, *shape), dtype)
     memory = threading.local()
     block_size = block_size or OPERAND // result.itemsize
-    blocks.run(lambda part: _fill(job, result, memory, *part), blocks.blocks(*shape, size=block_size),
+    blocks.run(lambda part: _fill(job, skies, result, memory, *part), blocks.blocks(*shape, size=block_size),
                threads=threads)
     return result
 
 
 # --- what there is to do ----------------------------------------------------------------------------
-
-
-def _prepare(vbuffer: VBuffer, lights: Sequence[Light], froxels: Froxels, phase_function: str,
-             second_lobe: SecondLobe | None, attenuation: str, restrict: bool, ambient: Rgb,
-             visibility: Visibility | None) -> Job:
-    """What does not depend on the block."""
-    lobes = _lobes(vbuffer, phase_function, second_lobe, froxels.depths.dtype)
-    suns = [sun_rays(i, light, froxels.rays) for i, light in enumerate(lights)
-            if isinstance(light, DirectionalLight)]
-    local = {i: light for i, light in enumerate(lights) if not isinstance(light, DirectionalLight)}
-    lamps = relate_lamps(
-        local, lobes, froxels, attenuation=attenuation, restrict=restrict, visibility=visibility)
-    return Job(froxels, vbuffer, lobes, suns, channels(ambient, froxels.depths.dtype), [], lamps,
-               "per_metre", 1.0, visibility)
 
 
 def _lobes(vbuffer: VBuffer, name: str, second: SecondLobe | None, dtype: Type) -> list[Lobe]:
@@ -209,13 +200,13 @@ def _sky(job: Job, lobe: Lobe, g: Field, y: slice = slice(None), seen: Sequence[
     return total
 
 
-def _shape(job: Job) -> tuple[int, int, int]:
+def _shape(job: Job, skies: Sequence[Field | None]) -> tuple[int, int, int]:
     """The axes along which the result varies."""
     rows, columns = job.froxels.rays.length.shape
     if job.lamps.rays or (job.suns and job.visibility is not None):
         return job.froxels.depths.shape[0], rows, columns
     parts = [job.vbuffer.emission]
-    for lobe, sky in zip(job.lobes, job.skies, strict=True):
+    for lobe, sky in zip(job.lobes, skies, strict=True):
         varying = [sky] if sky is not None else [lobe.g, job.suns[0].deflection.high]
         parts += [lobe.scattering, *varying]
     depth, height, width = np.broadcast_shapes(*(part.shape[-3:] for part in parts))
@@ -225,13 +216,14 @@ def _shape(job: Job) -> tuple[int, int, int]:
 # --- a block ----------------------------------------------------------------------------------------
 
 
-def _fill(job: Job, result: Field, memory: threading.local, z: slice, y: slice) -> None:
-    """Work out one block of the result."""
+def _fill(job: Job, whole: Sequence[Field | None], result: Field, memory: threading.local, z: slice,
+          y: slice) -> None:
+    """Work out one block of the result; ``whole`` is each lobe's `_sky`, None where it varies along z."""
     with np.errstate(over="ignore", under="ignore"):  # what overflows lies beyond a light's window
         target = result[:, z, y]
         lights = [target] + [np.empty_like(target) for _ in job.lobes[1:]]
         skies = [_block_sky(job, lobe, z, y) if sky is None else part(sky, z, y)
-                 for lobe, sky in zip(job.lobes, job.skies, strict=True)]
+                 for lobe, sky in zip(job.lobes, whole, strict=True)]
         for lobe, sky, light in zip(job.lobes, skies, lights, strict=True):
             light[...] = 0.0 if lobe.scaled else sky
         if job.lamps.rays:
