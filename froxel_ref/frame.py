@@ -18,12 +18,13 @@ from froxel_ref.arrays import Field
 from froxel_ref.assets import Assets, load_assets
 from froxel_ref.lights import with_intensities
 from froxel_ref.records import InputError, suggest
-from froxel_ref.scene import Scene
+from froxel_ref.scene import Folds, HeightField, PointLight, Scene
 from froxel_ref.settings import Settings
 from froxel_ref.stages import FINAL, QUANTITIES, STAGES, Job, Part, Quantity, Stage, forced
 
 __all__ = [
     "FINAL", "QUANTITIES", "Frame", "Plan", "Planned", "Quantity", "estimate_bytes", "plan", "run_frame",
+    "working_bytes",
 ]
 
 Progress = Callable[[str, int, int], None]
@@ -82,7 +83,7 @@ class Frame:
 
 
 def estimate_bytes(scene: Scene, settings: Settings) -> int:
-    """Memory that a frame may need at most, if every field varied on all its axes.
+    """Memory that a frame's results take at most: if every field varied on all its axes.
 
     Parameters
     ----------
@@ -92,7 +93,7 @@ def estimate_bytes(scene: Scene, settings: Settings) -> int:
     Returns
     -------
     int
-        Bytes of all results at full size; the run's own blocks add a few MB per thread.
+        Bytes of all results at full size. While it runs a frame needs more: `working_bytes`.
 
     Examples
     --------
@@ -112,6 +113,38 @@ def estimate_bytes(scene: Scene, settings: Settings) -> int:
     return total * np.dtype(settings.precision).itemsize
 
 
+def working_bytes(scene: Scene, settings: Settings) -> int:
+    """Memory that a frame needs beside its results, about.
+
+    Parameters
+    ----------
+    scene : Scene
+    settings : Settings
+
+    Returns
+    -------
+    int
+        Bytes of what grows with the scene: each lobe of a mixture before it is stacked, each lamp's
+        distances per ray, each height field's triangles; and a quarter of the results for all else.
+
+    Examples
+    --------
+    >>> working_bytes(Scene(), Settings()) // 10**6
+    50
+    """
+    grid, item = settings.grid, np.dtype(settings.precision).itemsize
+    media = scene.global_media + scene.local_media
+    lobes = len({medium.phase_anisotropy for medium in media}) if settings.phase_mixing == "mixture" else 0
+    folds = [surface.heights.size for surface in scene.surfaces
+             if isinstance(surface, HeightField) and isinstance(surface.heights, Folds)]
+    lamps = sum(isinstance(light, PointLight) for light in scene.lights) + scene.extra_lights.count
+    # A lamp keeps two numbers per ray (a spot light four) and some 32 bytes per slice; a fold's 1:4 grid of
+    # heights has two triangles a cell, of some 128 bytes each while they are hit.
+    return (3 * lobes * grid.width * grid.height * grid.depth * item
+            + lamps * (4 * grid.width * grid.height * item + 32 * grid.depth)
+            + sum(64 * size * size for size in folds) + estimate_bytes(scene, settings) // 4)
+
+
 def _machine_bytes() -> int:
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
@@ -120,7 +153,7 @@ def _machine_bytes() -> int:
 
 
 def _check_size(scene: Scene, settings: Settings) -> None:
-    need, have = estimate_bytes(scene, settings), _machine_bytes()
+    need, have = estimate_bytes(scene, settings) + working_bytes(scene, settings), _machine_bytes()
     if need > 0.8 * have:
         g, c = settings.grid, scene.camera
         raise InputError(

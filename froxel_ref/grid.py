@@ -407,5 +407,6 @@ def _clip(points: Doubles, low: float, high: float) -> Doubles:
         a, b = np.nonzero((beyond[:, np.newaxis] > 0.0) & (beyond[np.newaxis, :] < 0.0))
         share = (beyond[a] / (beyond[a] - beyond[b]))[:, np.newaxis]
         crossing = points[a] + share * (points[b] - points[a])
+        crossing[:, 2] = bound  # exactly: its rounding is that of a corner that may be far behind
         points = np.concatenate([points[beyond >= 0.0], crossing])
     return points

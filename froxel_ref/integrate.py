@@ -105,7 +105,7 @@ def slice_integral(
 
     ``analytic`` : S·d·φ(x), φ(x) = (1 − e^(−x))/x = −expm1(−x)/x, φ(0) = 1 [Dörries 2020, eq. 3.1].
         No extinction is clamped: vacuum gives exactly S·d and 1. Against the exact σ and d, for x from 0
-        to 1e30, denormals included, the integral is within 4 ulp for every normal length (worst measured:
+        to 1e30, denormals included, the integral is within 4 ulp for every normal length and 1/σ (worst measured:
         2.6 in float64, 0.51 in float32). The transmittance is within 1 ulp in float32, and within 1 + x ulp
         in float64, since rounding x moves e^(−x) by x times as much (measured: 0.83·(1 + x)). Exact for
         media that are constant within each slice; of second order in the slice's depth for smooth media
@@ -125,7 +125,11 @@ def slice_integral(
     >>> print(integral.round(6), transmittance.round(6))
     [6.       3.792723] [1.       0.367879]
     """
-    return _rule(integrator)(np.asarray(source), np.asarray(extinction), np.asarray(length))
+    values = (source, extinction, length)
+    # Python's numbers take the arrays' type, as in any expression of NumPy's; whole numbers become float64.
+    arrays = [value for value in values if isinstance(value, (np.ndarray, np.generic))]
+    dtype = np.result_type(*arrays, 0.0) if arrays else np.dtype(np.float64)
+    return _rule(integrator)(*(np.asarray(value, dtype) for value in values))
 
 
 # --- a whole volume ---------------------------------------------------------------------------------

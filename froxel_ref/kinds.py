@@ -110,13 +110,18 @@ class Kind:
 
 @dataclasses.dataclass(frozen=True)
 class Number(Kind):
-    """A finite number within bounds, in a stated unit."""
+    """A finite number within bounds, in a stated unit.
+
+    The bounds say what the number means (a radius is above 0); ``within`` is how far it may go (no scene is
+    larger than this), and is only spoken of where it is left.
+    """
 
     unit: str = ""
     above: float | None = None
     at_least: float | None = None
     below: float | None = None
     at_most: float | None = None
+    within: tuple[float, float] | None = None
     whole: bool = False
 
     def allowed(self) -> str:
@@ -152,11 +157,18 @@ class Number(Kind):
         )
         if outside:
             raise InputError("", f"is {repr(value).removesuffix('.0')}, must be {self.allowed()}")
+        if self.within is not None and not self.within[0] <= value <= self.within[1]:
+            low, high = self.within
+            unit = f" {self.unit}" if self.unit else ""
+            raise InputError("", f"is {repr(value).removesuffix('.0')}, must be within {low:g} and {high:g}{unit}")
         return value
 
     def schema(self) -> dict[str, Json]:
-        keys = {"exclusiveMinimum": self.above, "minimum": self.at_least,
-                "exclusiveMaximum": self.below, "maximum": self.at_most}
+        low, high = self.within or (None, None)
+        least = [bound for bound in (self.at_least, low) if bound is not None]
+        most = [bound for bound in (self.at_most, high) if bound is not None]
+        keys = {"exclusiveMinimum": self.above, "minimum": max(least, default=None),
+                "exclusiveMaximum": self.below, "maximum": min(most, default=None)}
         schema: dict[str, Json] = {"type": "integer" if self.whole else "number"}
         schema |= {key: bound for key, bound in keys.items() if bound is not None}
         return schema | ({"unit": self.unit} if self.unit else {})

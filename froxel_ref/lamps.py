@@ -174,7 +174,8 @@ def relate_lamps(lights: Mapping[int, PointLight], lobes: Sequence[Lobe], froxel
     dtype = froxels.depths.dtype
     rays = light_rays(lights, froxels, attenuation=attenuation, restrict=restrict)
     units = {lamp.unit for lamp in rays}
-    depths = {size: (froxels.depths.astype(np.float64) / size).astype(dtype) for size in units}
+    farthest = float(np.finfo(dtype).max) ** 0.25 / 16.0 / float(froxels.rays.length.max())
+    depths = {size: np.minimum(froxels.depths.astype(np.float64) / size, farthest).astype(dtype) for size in units}
     colours = [[channels(lamp.intensity * _factor(lobe, lamp), dtype) for lamp in rays] for lobe in lobes]
     return Lamps(froxels, rays, colours, depths, visibility)
 

@@ -30,9 +30,10 @@ __all__ = ["ConeRays", "LightRays", "Rect", "light_rays", "rect", "slice_boxes"]
 Boxes = NDArray[np.intp]
 Rect = tuple[slice, slice, slice]
 
-# A ray through the light itself is taken to pass it at this share of the radius: at the light θ is
-# undefined, and this makes it a right angle (cos θ = 0) instead of 0/0.
-CLOSEST = 1e-12
+# A ray through the light itself is taken to pass it at this share of min_distance: at the light θ is
+# undefined, and this makes it a right angle (cos θ = 0) instead of 0/0. Within min_distance, where alone it
+# can be seen, it moves d² by less than a rounding.
+CLOSEST = 1e-8
 
 # Radii below are taken for it [m], lest positions in units of the radius overflow.
 TINIEST = 1e-100
@@ -127,8 +128,8 @@ def light_rays(lights: Mapping[int, PointLight], froxels: Froxels, *, attenuatio
     >>> froxels = make_froxels(Camera(), Grid(width=3, height=3, depth=4))
     >>> lamp = PointLight(position=(0.0, 1.7, -6.0), intensity=(9.0, 9.0, 9.0), radius=3.0)
     >>> [rays] = light_rays({5: lamp}, froxels)
-    >>> float(rays.nearest[0, 0]), float(rays.across2[0, 0]), float(rays.intensity[0])
-    (2.0, 1e-24, 1.0)
+    >>> float(rays.nearest[0, 0]), float(rays.across2[0, 0]) < 1e-20, float(rays.intensity[0])
+    (2.0, True, 1.0)
     """
     px, py, pz = (c.astype(np.float64) for c in froxels.rays.per_depth)
     rays = Rays(froxels.rays.origin, (px, py, pz), 1.0 / np.sqrt(dot((px, py, pz), (px, py, pz))))
@@ -178,8 +179,12 @@ def _relate(index: int, light: PointLight, boxes: Boxes, froxels: Froxels, rays:
     nx, ny, nz = qy * pz - qz * py, qz * px - qx * pz, qx * py - qy * px
     b = (qx * px + qy * py + qz * pz) * per_length
     h2 = (nx * nx + ny * ny + nz * nz) * (per_length * per_length)
-    # A ray through the light itself; and a radius too small to measure the world with.
-    h2 = np.clip(h2, CLOSEST * CLOSEST, float(np.finfo(dtype).max) / 16.0)
+    limits = np.finfo(dtype)
+    # A ray through the light itself, and a light too far away to measure in its radii: the window's fourth
+    # power of the distance must stay a number.
+    closest, farthest = CLOSEST * light.min_distance / size, float(limits.max) ** 0.25 / 16.0
+    b = np.clip(b, -farthest, farthest)
+    h2 = np.clip(h2, max(closest * closest, 1e4 * float(limits.tiny)), farthest * farthest)
     cone = None
     if isinstance(light, SpotLight):
         scale, offset = spot_cone(light)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,15 @@ Rgb = tuple[float, float, float]
 Vec3 = tuple[float, float, float]
 BLACK: Rgb = (0.0, 0.0, 0.0)
 WHITE: Rgb = (1.0, 1.0, 1.0)
+
+# Nothing is farther, larger, smaller or brighter than this: far beyond what a scene needs (a light year has
+# 1e16 m, a hair 1e-4), and near enough that no square, fourth power or product of the stages' leaves the
+# range of float32, where a frame would turn into infinities and NaN without a word.
+LONGEST, SHORTEST, STRONGEST = 1e10, 1e-9, 1e18
+RATE: dict[str, Any] = {"within": (-LONGEST, LONGEST)}
+PLACE: dict[str, Any] = {"unit": "m", "within": (-LONGEST, LONGEST)}
+SIZE: dict[str, Any] = {"unit": "m", "above": 0.0, "within": (SHORTEST, LONGEST)}
+LIGHT: dict[str, Any] = {"at_least": 0.0, "within": (0.0, STRONGEST)}
 
 # A transform whose smallest scale is below this share of its largest is refused as singular: float64
 # could still invert it, but a point would lose half of its digits on the way.
@@ -48,13 +57,14 @@ def _unit(direction: tuple[float, ...]) -> tuple[float, ...]:
 class Camera(Record):
     """A pinhole camera and the size of its image."""
 
-    position: Vec3 = vector((0.0, 1.7, 0.0), "world position", unit="m")
-    target: Vec3 = vector((0.0, 1.7, -1.0), "world point in the centre of the image", unit="m")
-    up: Vec3 = vector((0.0, 1.0, 0.0), "direction that is up in the image")
-    vertical_fov: float = number(60.0, "vertical field of view", unit="degrees", above=0.0, below=180.0)
+    position: Vec3 = vector((0.0, 1.7, 0.0), "world position", **PLACE)
+    target: Vec3 = vector((0.0, 1.7, -1.0), "world point in the centre of the image", **PLACE)
+    up: Vec3 = vector((0.0, 1.0, 0.0), "direction that is up in the image", **RATE)
+    vertical_fov: float = number(60.0, "vertical field of view", unit="degrees", above=0.0, below=180.0,
+                                 within=(0.001, 179.9))
     width: int = integer(960, "image width", unit="pixels", at_least=1, at_most=16384)
     height: int = integer(540, "image height", unit="pixels", at_least=1, at_most=16384)
-    exposure: float = number(1.0, "factor on radiance for display", above=0.0)
+    exposure: float = number(1.0, "factor on radiance for display", above=0.0, within=(SHORTEST, LONGEST))
 
     def check_together(self) -> None:
         if self.target == self.position:
@@ -74,12 +84,12 @@ class Camera(Record):
 class Transform(Record):
     """An affine map from local space to the world: first scale, then rotate, then translate."""
 
-    translate: Vec3 = vector(BLACK, "world position of the local origin", unit="m")
-    rotate: Vec3 = vector(BLACK, "turns about the world's x, then y, then z axis", unit="degrees")
-    scale: Vec3 = vector(WHITE, "metres per local unit along each local axis (half the extent)", unit="m")
+    translate: Vec3 = vector(BLACK, "world position of the local origin", **PLACE)
+    rotate: Vec3 = vector(BLACK, "turns about the world's x, then y, then z axis", unit="degrees", **RATE)
+    scale: Vec3 = vector(WHITE, "metres per local unit along each local axis (half the extent)", **PLACE)
     matrix: tuple[float, ...] | None = vector(
         None, "instead of the three above: world_from_local as 12 numbers, its 3 rows of 4 one after the other",
-        length=12, optional=True)
+        length=12, optional=True, **RATE)
 
     def check_together(self) -> None:
         if self.matrix is not None and (self.translate, self.rotate, self.scale) != (BLACK, BLACK, WHITE):
@@ -127,9 +137,9 @@ def _cos_sin(degrees: float) -> tuple[float, float]:
 class HeightFog(Record):
     """Density over height: 1 up to ``start``, then exp(−falloff·(y − start)), 0 above ``max_height``."""
 
-    start: float = number(0.0, "height where the falloff begins", unit="m")
-    falloff: float = number(0.1, "rate of the falloff", unit="1/m", at_least=0.0)
-    max_height: float | None = number(None, "height above which there is nothing", unit="m", optional=True)
+    start: float = number(0.0, "height where the falloff begins", **PLACE)
+    falloff: float = number(0.1, "rate of the falloff", unit="1/m", at_least=0.0, within=(0.0, LONGEST))
+    max_height: float | None = number(None, "height above which there is nothing", optional=True, **PLACE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +151,8 @@ class NoiseDensity(Record):
     size: int = integer(32, "texels along each axis", at_least=2, at_most=256)
     cells: int = integer(4, "noise cells along each axis in the first octave", at_least=1, at_most=64)
     octaves: int = integer(3, "octaves, each with twice the cells and half the weight", at_least=1, at_most=8)
-    contrast: float = number(2.0, "how far the noise is spread about ½ before it is cut to [0, 1]", above=0.0)
+    contrast: float = number(2.0, "how far the noise is spread about ½ before it is cut to [0, 1]", above=0.0,
+                             within=(SHORTEST, LONGEST))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,7 +161,7 @@ class VolumeDensity(Record):
 
     kind: ClassVar[str] = "file"
     path: str = text(about="file, relative to the scene's folder")
-    multiplier: float = number(1.0, "factor on every value", at_least=0.0)
+    multiplier: float = number(1.0, "factor on every value", at_least=0.0, within=(0.0, LONGEST))
     shape: tuple[int, ...] | None = vector(
         None, "raw files only: texels along z, y, x", whole=True, optional=True, at_least=1)
     dtype: str | None = choice(
@@ -169,9 +180,9 @@ class DensityTexture(Record):
 
     source: NoiseDensity | VolumeDensity = nested(
         NoiseDensity, VolumeDensity, about="where the texels come from")
-    scale: Vec3 = vector(WHITE, "periods per metre (global media) or per unit of the local cube [0, 1]³")
-    bias: Vec3 = vector(BLACK, "offset of the texture coordinate, in periods")
-    scroll: Vec3 = vector(BLACK, "motion of the bias, in periods per second")
+    scale: Vec3 = vector(WHITE, "periods per metre (global media) or per unit of the local cube [0, 1]³", **RATE)
+    bias: Vec3 = vector(BLACK, "offset of the texture coordinate, in periods", **RATE)
+    scroll: Vec3 = vector(BLACK, "motion of the bias, in periods per second", **RATE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,9 +191,10 @@ class Medium(Record):
 
     name: str = text("", "for the reader")
     albedo: Rgb = vector(WHITE, "scattering over extinction", at_least=0.0, at_most=1.0)
-    extinction: float | Rgb = vector(0.01, "extinction at density 1", unit="1/m", spread=True, at_least=0.0)
+    extinction: float | Rgb = vector(0.01, "extinction at density 1", unit="1/m", spread=True, at_least=0.0,
+                                     within=(0.0, 1e12))
     emissive: Rgb = vector(
-        BLACK, "emission at density 1 (see Settings: emission)", unit="W m^-3 sr^-1", at_least=0.0)
+        BLACK, "emission at density 1 (see Settings: emission)", unit="W m^-3 sr^-1", **LIGHT)
     phase_anisotropy: float = number(0.0, "mean cosine g of the phase function", above=-1.0, below=1.0)
     height_fog: HeightFog | None = nested(
         HeightFog, default=None, optional=True, about="density that falls with height")
@@ -208,8 +220,8 @@ class DirectionalLight(Record):
 
     kind: ClassVar[str] = "directional"
     name: str = text("", "for the reader")
-    direction: Vec3 = vector(about="from the scene towards the light (L)")
-    irradiance: Rgb = vector(about="on a surface that faces the light", unit="W/m^2", at_least=0.0)
+    direction: Vec3 = vector(about="from the scene towards the light (L)", **RATE)
+    irradiance: Rgb = vector(about="on a surface that faces the light", unit="W/m^2", **LIGHT)
 
     def check_together(self) -> None:
         _must_point(self.direction, "direction")
@@ -221,16 +233,16 @@ class PointLight(Record):
 
     kind: ClassVar[str] = "point"
     name: str = text("", "for the reader")
-    position: Vec3 = vector(about="world position", unit="m")
-    intensity: Rgb | None = vector(None, "radiant intensity", unit="W/sr", at_least=0.0, optional=True)
+    position: Vec3 = vector(about="world position", **PLACE)
+    intensity: Rgb | None = vector(None, "radiant intensity", unit="W/sr", optional=True, **LIGHT)
     power: Rgb | None = vector(
-        None, "radiant power, instead of intensity (see Settings: light_power)", unit="W", at_least=0.0,
-        optional=True)
-    radius: float = number(16.0, "distance at which the window reaches zero", unit="m", above=0.0)
+        None, "radiant power, instead of intensity (see Settings: light_power)", unit="W", optional=True,
+        **LIGHT)
+    radius: float = number(16.0, "distance at which the window reaches zero", **SIZE)
     falloff: str = choice("windowed", "inverse_square", default="windowed",
                           about="inverse square times sat(1 − (d/radius)⁴)², or without that window")
     min_distance: float = number(
-        0.01, "distance below which the irradiance stops growing", unit="m", above=0.0)
+        0.01, "distance below which the irradiance stops growing", **SIZE)
 
     def check_together(self) -> None:
         if (self.intensity is None) == (self.power is None):
@@ -243,15 +255,17 @@ class SpotLight(PointLight):
     """A point light in a cone: sat(cos·scale + offset)², 1 within the inner angle, 0 outside the outer."""
 
     kind: ClassVar[str] = "spot"
-    direction: Vec3 = vector((0.0, -1.0, 0.0), "from the light along the axis of its cone")
+    direction: Vec3 = vector((0.0, -1.0, 0.0), "from the light along the axis of its cone", **RATE)
     inner_angle: float = number(
         20.0, "half angle of full intensity", unit="degrees", at_least=0.0, below=90.0)
-    outer_angle: float = number(30.0, "half angle of the cone", unit="degrees", above=0.0, below=90.0)
+    outer_angle: float = number(30.0, "half angle of the cone", unit="degrees", above=0.0, below=90.0,
+                                within=(0.001, 90.0))
 
     def check_together(self) -> None:
         super().check_together()
         _must_point(self.direction, "direction")
-        if not self.inner_angle < self.outer_angle:
+        inner, outer = _cos_sin(self.inner_angle)[0], _cos_sin(self.outer_angle)[0]
+        if not inner - outer > SINGULAR * (1.0 - outer):
             raise InputError(
                 "inner_angle", f"is {self.inner_angle:g}, must be below outer_angle ({self.outer_angle:g})")
 
@@ -265,10 +279,10 @@ class ExtraLights(Record):
 
     count: int = integer(0, "how many", at_least=0, at_most=65536)
     seed: int = integer(1, "seed of the generator", at_least=0)
-    low: Vec3 = vector((-8.0, 0.5, -30.0), "smallest corner of the box", unit="m")
-    high: Vec3 = vector((8.0, 5.0, 0.0), "largest corner of the box", unit="m")
-    radius: float = number(4.0, "radius of each", unit="m", above=0.0)
-    intensity: float = number(0.5, "mean radiant intensity; each has its own hue", unit="W/sr", at_least=0.0)
+    low: Vec3 = vector((-8.0, 0.5, -30.0), "smallest corner of the box", **PLACE)
+    high: Vec3 = vector((8.0, 5.0, 0.0), "largest corner of the box", **PLACE)
+    radius: float = number(4.0, "radius of each", **SIZE)
+    intensity: float = number(0.5, "mean radiant intensity; each has its own hue", unit="W/sr", **LIGHT)
 
     def check_together(self) -> None:
         if not all(a <= b for a, b in zip(self.low, self.high, strict=True)):
@@ -295,8 +309,8 @@ class Plane(Record):
     kind: ClassVar[str] = "plane"
     name: str = text("", "for the reader")
     albedo: Rgb = vector((0.5, 0.5, 0.5), "Lambert reflectance", at_least=0.0, at_most=1.0)
-    point: Vec3 = vector(BLACK, "a point of the plane", unit="m")
-    normal: Vec3 = vector((0.0, 1.0, 0.0), "its normal")
+    point: Vec3 = vector(BLACK, "a point of the plane", **PLACE)
+    normal: Vec3 = vector((0.0, 1.0, 0.0), "its normal", **RATE)
 
     def check_together(self) -> None:
         _must_point(self.normal, "normal")
@@ -319,8 +333,8 @@ class Sphere(Record):
     kind: ClassVar[str] = "sphere"
     name: str = text("", "for the reader")
     albedo: Rgb = vector((0.5, 0.5, 0.5), "Lambert reflectance", at_least=0.0, at_most=1.0)
-    center: Vec3 = vector(BLACK, "its centre", unit="m")
-    radius: float = number(1.0, "its radius", unit="m", above=0.0)
+    center: Vec3 = vector(BLACK, "its centre", **PLACE)
+    radius: float = number(1.0, "its radius", **SIZE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -391,8 +405,8 @@ class Scene(Record):
     image_buffers: ImageBuffers | None = nested(
         ImageBuffers, default=None, optional=True, about="depth and colour instead of surfaces")
     ambient: Rgb = vector(
-        BLACK, "radiance that arrives from every direction", unit="W m^-2 sr^-1", at_least=0.0)
-    background: Rgb = vector(BLACK, "radiance where a ray hits nothing", unit="W m^-2 sr^-1", at_least=0.0)
+        BLACK, "radiance that arrives from every direction", unit="W m^-2 sr^-1", **LIGHT)
+    background: Rgb = vector(BLACK, "radiance where a ray hits nothing", unit="W m^-2 sr^-1", **LIGHT)
 
     def check_together(self) -> None:
         if self.image_buffers is not None and self.surfaces:

@@ -8,6 +8,7 @@ from typing import Any
 
 from froxel_ref.kinds import choice, integer, nested, number
 from froxel_ref.records import InputError, Record
+from froxel_ref.scene import LONGEST, SIZE
 
 DISTRIBUTIONS = ("exponential", "linear")
 PHASE_FUNCTIONS = ("henyey_greenstein", "isotropic", "rayleigh", "schlick", "cornette_shanks",
@@ -21,8 +22,8 @@ class Grid(Record):
     width: int = integer(160, "froxels across", at_least=1, at_most=65536)
     height: int = integer(90, "froxels down", at_least=1, at_most=65536)
     depth: int = integer(64, "slices", at_least=1, at_most=65536)
-    near: float = number(0.5, "view depth of the first boundary", unit="m", above=0.0)
-    far: float = number(64.0, "view depth of the last boundary", unit="m", above=0.0)
+    near: float = number(0.5, "view depth of the first boundary", **SIZE)
+    far: float = number(64.0, "view depth of the last boundary", **SIZE)
     distribution: str = choice(*DISTRIBUTIONS, default="exponential", about="how slices share the depth")
 
     def check_together(self) -> None:
@@ -33,7 +34,7 @@ class Grid(Record):
 # What each switch may be, as (corrected, published, author, then further choices). The corrected value
 # is the default; "author" is the thesis's own program where it differs from the text (CONVENTIONS.md).
 SWITCHES: dict[str, tuple[str, ...]] = {
-    "albedo_at_zero": ("zero", "divide", "divide"),                             # D1
+    "albedo_at_zero": ("zero", "zero", "zero", "divide"),                       # D1
     "emission": ("per_metre", "published", "published", "absorption"),          # D2
     "integrator": ("analytic", "published", "published", "simple"),             # D3
     "lookup": ("boundary", "centre", "centre"),                                 # D4
@@ -104,7 +105,8 @@ class Settings(Record):
         SecondLobe, default=SecondLobe(), about="for the two-lobe phase function")
     shadows: str = choice("off", default="off", about="opaque shadows (maps come with a later version)")
     precision: str = choice("float64", "float32", default="float64", about="type of the arithmetic")
-    time: float = number(0.0, "scene time, moves scrolling textures", unit="s")
+    time: float = number(0.0, "scene time, moves scrolling textures", unit="s",
+                         within=(-LONGEST, LONGEST))
 
     def __getattr__(self, name: str) -> str:
         """The value of a switch, by its own name: the single switch if set, else what the fidelity says."""

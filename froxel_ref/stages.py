@@ -208,6 +208,9 @@ def _media(scene: Scene) -> tuple[Medium, ...]:
 
 
 def _needs_media(scene: Scene, settings: Settings) -> Need:
+    idle = scene.global_media + scene.local_media
+    if idle and not _media(scene) and settings.phase_mixing == "mean":
+        return True, "the plain mean of g counts media that are not there (D12)"
     return _some(_media(scene), _media_count(len(_media(scene))),
                  "the scene has no medium with extinction or emission")
 
@@ -461,8 +464,8 @@ def forced(job: Job) -> Job:
     far_away = LocalMedium(extinction=0.0, transform=Transform(translate=(1e6, 1e6, 1e6)))
     local = scene.local_media or (far_away,)
     everywhere = scene.global_media or (Medium(extinction=0.0),)
-    if not scene.global_media and settings.phase_mixing == "mean":
-        everywhere = ()
+    if settings.phase_mixing == "mean":
+        everywhere, local = scene.global_media, scene.local_media
     if not _media(scene) and settings.albedo_at_zero == "divide":
         settings = replace(settings, albedo_at_zero="zero")
     lights = (*scene.all_lights, DirectionalLight(direction=(0.0, 1.0, 0.0), irradiance=BLACK),

@@ -8,6 +8,7 @@ about 106 bits, they come out as the exact value rounded, for the price of one i
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,7 +74,9 @@ def sun_rays(index: int, light: DirectionalLight, rays: Rays) -> SunRays:
     [[1.0]]
     """
     p = [double_double(component) for component in rays.per_depth]
-    towards = [double_double(component) for component in light.direction]
+    # By a power of two, exactly, so that no square over- or underflows.
+    exponent = math.frexp(max(map(abs, light.direction)))[1]
+    towards = [double_double(math.ldexp(component, -exponent)) for component in light.direction]
     cosine = _dot(p, towards) / (_dot(p, p) * _dot(towards, towards)).sqrt()
     shape = rays.length.shape
     whole = DoubleDouble(np.broadcast_to(cosine.high, shape), np.broadcast_to(cosine.low, shape))

@@ -69,7 +69,8 @@ def test_published_albedo_of_nothing_reaches_the_picture() -> None:
     """D1: above max_height listing 3.1 divides 0 by 0, and listing 3.2 lights what came of it."""
     low = dataclasses.replace(FOG, height_fog=HeightFog(max_height=2.0))
     scene = Scene(camera=CAMERA, global_media=(low,), lights=(SUN,))
-    right, published = (run_frame(scene, Settings(grid=GRID, fidelity=f)) for f in ("corrected", "published"))
+    right, published = (run_frame(scene, replace(Settings(grid=GRID), albedo_at_zero=value))
+                        for value in ("zero", "divide"))
     empty = np.broadcast_to(right["media/extinction"] == 0.0, (16, 8, 12))
     assert 0.3 < empty.mean() < 0.7
     got = np.broadcast_to(published["lighting/in_scattering"], (3, 16, 8, 12))

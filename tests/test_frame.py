@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from froxel_ref import scene_files
 from froxel_ref.assets import load_assets
-from froxel_ref.frame import FINAL, QUANTITIES, estimate_bytes, plan, run_frame
+from froxel_ref.frame import FINAL, QUANTITIES, estimate_bytes, plan, run_frame, working_bytes
 from froxel_ref.geometry import camera_rays
 from froxel_ref.grid import make_froxels
 from froxel_ref.records import InputError
-from froxel_ref.scene import Camera, DirectionalLight, Medium, PointLight, Scene
+from froxel_ref.scene import Camera, DirectionalLight, ExtraLights, LocalMedium, Medium, PointLight, Scene
 from froxel_ref.settings import Grid, Settings, replace
 
 SMALL = Grid(width=12, height=8, depth=16)
@@ -165,6 +165,22 @@ def test_planned_equals_forced_with_overlapping_media(mixing: str) -> None:
     assert planned.tobytes() == forced.tobytes()
 
 
+@pytest.mark.parametrize("media", [
+    (Medium(phase_anisotropy=0.7),) * 3, (Medium(extinction=0.0, phase_anisotropy=0.95),),
+    (Medium(phase_anisotropy=0.7), Medium(extinction=0.0, phase_anisotropy=-0.4)),
+], ids=["three alike", "idle only", "one idle"])
+def test_planned_equals_forced_where_a_plain_mean_counts_media(media: tuple[Medium, ...]) -> None:
+    """D12: what counts media must not count what was forced; and must count what is idle."""
+    scene = Scene(camera=Camera(width=16, height=9), global_media=media, local_media=(
+        LocalMedium(extinction=0.2, phase_anisotropy=0.1),) * (len(media) == 2),
+        lights=(DirectionalLight(direction=(1.0, 2.0, -3.0), irradiance=(1.0, 1.0, 1.0)),))
+    how = replace(Settings(grid=SMALL), phase_mixing="mean")
+    planned, forced = (run_frame(scene, how, force_all=force_all) for force_all in (False, True))
+    for quantity in QUANTITIES:
+        a, b = np.broadcast_arrays(planned[quantity], forced[quantity])
+        assert a.tobytes() == b.tobytes(), quantity
+
+
 def test_uniform_leaves_out_what_it_does_not_need() -> None:
     scene, how = small("uniform")
     the_plan = plan(scene, how)
@@ -254,6 +270,17 @@ def test_every_fidelity_runs_and_differs() -> None:
 def test_unknown_output() -> None:
     with pytest.raises(InputError, match="outputs: 'media/extintion' is not a result; did you mean 'media/ext"):
         plan(Scene(), outputs=["media/extintion"])
+
+
+def test_absurd_numbers_of_lights_and_lobes_are_refused_too() -> None:
+    """65,536 lamps on a large grid keep two distances for each of its rays; a lobe is a volume of its own."""
+    wide = Settings(grid=Grid(width=2048, height=2048, depth=2))
+    with pytest.raises(InputError, match="GiB"):
+        plan(Scene(extra_lights=ExtraLights(count=65536)), wide)
+    assert working_bytes(Scene(extra_lights=ExtraLights(count=1000)), wide) > 1000 * 2 * 2048 * 2048 * 8
+    many = tuple(Medium(phase_anisotropy=g / 100) for g in range(60))
+    mixture = replace(Settings(), phase_mixing="mixture")
+    assert working_bytes(Scene(global_media=many), mixture) > 60 * 3 * 160 * 90 * 64 * 8
 
 
 def test_absurd_grid_is_refused_before_anything_is_allocated() -> None:

@@ -388,3 +388,11 @@ def test_switches_are_the_words_of_the_settings():
 def test_unknown_words_are_refused(option):
     with pytest.raises(InputError, match=r"analytic|'near'"):
         integrate(*volume(), **option)
+
+
+def test_whole_numbers_and_plain_ones_are_what_they_say() -> None:
+    """3·(1 − e^(−2))/1 and e^(−2), whatever the numbers are written as; float32 arrays stay float32."""
+    light, through = slice_integral(3, 1, 2)
+    assert (float(light), float(through)) == pytest.approx((3 * (1 - math.exp(-2)), math.exp(-2)), rel=4e-16)
+    mixed = slice_integral(np.float32([3.0]), np.float32([1.0]), 2.0)
+    assert [part.dtype for part in mixed] == [np.float32, np.float32]

@@ -14,7 +14,7 @@ from froxel_ref.settings import FIDELITIES, SWITCHES, Grid, SecondLobe, Settings
 
 # Which departure each switch is for, and what the sources do there (the tables of CONVENTIONS.md).
 EXPECTED = {
-    "albedo_at_zero": ("D1", "zero", "divide", "divide"),
+    "albedo_at_zero": ("D1", "zero", "zero", "zero"),
     "emission": ("D2", "per_metre", "published", "published"),
     "integrator": ("D3", "analytic", "published", "published"),
     "lookup": ("D4", "boundary", "centre", "centre"),
