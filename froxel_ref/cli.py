@@ -1,7 +1,7 @@
 """The command line, ``froxel-ref …``: parsing and printing only.
 
 Exit codes: 0; 2 for anything wrong with the input or the output, with one line on standard error;
-130 when interrupted, 143 when terminated, 141 when the reader of a pipe went away.
+130 when interrupted, 143 when terminated, 129 when hung up, 141 when the reader of a pipe went away.
 """
 
 from __future__ import annotations
@@ -9,11 +9,13 @@ from __future__ import annotations
 import argparse
 import io
 import json
+import math
 import os
 import re
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -29,6 +31,9 @@ if TYPE_CHECKING:
 __all__ = ["main"]
 
 Progress = Callable[[str, int, int], None]
+
+SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # by name: not every system has them all
+GRACE = 2.0  # seconds in which further signals are part of the first
 
 EXAMPLES = """\
 examples:
@@ -68,8 +73,12 @@ examples:
 # --- the entry --------------------------------------------------------------------------------------
 
 
-class _Terminated(KeyboardInterrupt):
-    """SIGTERM, so that it unwinds like Ctrl-C and nothing half-written stays."""
+class _Stopped(KeyboardInterrupt):
+    """A signal that ends the program: all unwind like Ctrl-C, so that nothing half-written stays."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.number = number
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -90,20 +99,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     >>> main(["explain", "uniform", "--grid", "8x8x8", "--size", "8x8"])  # doctest: +ELLIPSIS
     uniform: 8 x 8 x 8 froxels...
     """
+    _occupy()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal without Unicode must not stop the work
     try:
         with _terminable():
             args = _parser().parse_args(argv)
+            if sys.stdout is None and args.run in (_scenes, _explain, _schema):
+                raise InputError("output", "standard output is closed")
             args.run(args)
-            sys.stdout.flush()
+            if sys.stdout is not None:
+                sys.stdout.flush()
         return 0
     except InputError as error:
         return _fail(str(error))
     except MemoryError:
         return _fail("memory: the frame does not fit, a smaller --grid or --size may")
-    except _Terminated:
-        return 143
+    except _Stopped as stopped:
+        return 128 + stopped.number
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
@@ -117,30 +130,49 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _fail(message: str) -> int:
-    print("froxel-ref: error:", " ".join(message.split()), file=sys.stderr)
+    if sys.stderr is not None:  # print would take standard output instead
+        with suppress(OSError):
+            print("froxel-ref: error:", " ".join(message.split()), file=sys.stderr)
     return 2
+
+
+def _occupy() -> None:
+    """Let no file that is opened later take the number of a standard stream that was closed."""
+    if None in (sys.stdin, sys.stdout, sys.stderr):
+        with suppress(OSError):
+            while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+                pass
+            os.close(number)
 
 
 def _silence() -> None:
     """Let Python's flush at exit go nowhere: the output is already known to be broken."""
-    with suppress(OSError, ValueError):
+    with suppress(OSError, ValueError, AttributeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @contextmanager
 def _terminable() -> Iterator[None]:
-    """Turn SIGTERM into an exception while a command runs."""
-    def stop(number: int, frame: Any) -> NoReturn:
-        raise _Terminated
+    """Turn the signals that end a program into an exception while a command runs."""
+    first = -math.inf
 
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, stop)
+    def stop(number: int, frame: Any) -> None:
+        nonlocal first
+        # A second signal at once asks for what is being done already, and would cut the cleaning up short.
+        if time.monotonic() - first > GRACE:
+            first = time.monotonic()
+            raise _Stopped(number)
+
+    before: dict[int, Any] = {}
     try:
+        if threading.current_thread() is threading.main_thread():
+            for number in (getattr(signal, name) for name in SIGNALS if hasattr(signal, name)):
+                if signal.getsignal(number) not in (signal.SIG_IGN, None):  # nohup's wish is kept
+                    before[number] = signal.signal(number, stop)
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 # --- arguments --------------------------------------------------------------------------------------
@@ -237,6 +269,9 @@ def _run(loaded: Loaded, outputs: list[str] | None, progress: Progress) -> Frame
 @contextmanager
 def _progress() -> Iterator[Progress]:
     """A bar on standard error, if that is a terminal."""
+    if sys.stderr is None:
+        yield lambda name, index, count: None
+        return
     from tqdm import tqdm
 
     layout = "{desc:<32} {bar} {n}/{total}"
@@ -286,7 +321,7 @@ def _golden(args: argparse.Namespace) -> None:
     check_target(folder, force=args.force)  # again when the folder is made: this one saves the wait
     plan(loaded.scene, loaded.settings)
     if folder.absolute().parent.is_dir():
-        check_space(folder.absolute().parent, estimate_bytes(loaded.scene, loaded.settings))
+        check_space(folder.absolute().parent, estimate_bytes(loaded.scene, loaded.settings), target=folder)
     with _progress() as progress:
         frame = _run(loaded, None, progress)
         golden = write_golden(frame, loaded, folder, force=args.force, progress=progress)

@@ -118,8 +118,9 @@ def to_srgb8(radiance: Field, exposure: float = 1.0) -> Bytes:
     [[[0, 0, 0], [0, 0, 0]]]
     """
     # The cut keeps infinity from becoming inf·0; 1e6 is far above white whatever the hue.
-    exposed = np.clip(np.asarray(radiance) * exposure, 0.0, 1e6)
-    return _quantise(srgb_transfer(tone_map(exposed)))
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        exposed = np.clip(np.asarray(radiance) * exposure, 0.0, 1e6)
+        return _quantise(srgb_transfer(tone_map(exposed)))
 
 
 def ramp(values: Field) -> Field:
@@ -251,7 +252,7 @@ class Display(NamedTuple):
         [[0, 0, 0], [255, 255, 255]]
         """
         values = np.asarray(block, np.float64)
-        with np.errstate(invalid="ignore", divide="ignore"):
+        with np.errstate(all="ignore"):
             if self.kind == "radiance":
                 return to_srgb8(np.broadcast_to(values, (3, *values.shape[1:])), self.exposure)
             if self.kind == "normal":
@@ -267,6 +268,8 @@ class Display(NamedTuple):
         low, high, x = self.low, self.high, values
         if self.kind == "depth":
             low, high, x = math.log(self.low), math.log(self.high), np.log(values)
+        if math.isinf(high - low):  # the range alone passes the largest float
+            low, high, x = 0.25 * low, 0.25 * high, 0.25 * x
         position = (x - low) / (high - low) if high > low else np.where(np.isnan(x), x, 0.5)
         result = ramp_colours(position)
         result[np.isposinf(values)] = NOTHING
@@ -335,6 +338,10 @@ def _exposed(values: Field, exposure: float) -> float:
     """The exposure, raised by powers of two until the brightest hundredth of the lit texels shows."""
     channel = values.max(axis=0).ravel()
     lit = channel[(channel > 0.0) & np.isfinite(channel)]
-    bright = float(np.quantile(lit[:: max(1, lit.size // 65536)], 0.99)) * exposure if lit.size else 1.0
-    steps = max(0, math.ceil(math.log2(0.25 / bright))) if bright > 0.0 else 0
-    return exposure * 2.0 ** min(steps, 60)
+    bright = float(np.quantile(lit[:: max(1, lit.size // 65536)], 0.99)) if lit.size else 1.0
+    if not (0.0 < bright < math.inf and 0.0 < exposure < math.inf):
+        return exposure
+    # A sum of logarithms: the product may be beyond the floats, at either end.
+    steps = max(0, math.ceil(-2.0 - (math.log2(bright) + math.log2(exposure))))
+    raised: float = exposure * 2.0 ** min(steps, 60)
+    return raised

@@ -10,6 +10,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
+import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -26,7 +28,7 @@ from froxel_ref.records import InputError, shown
 from froxel_ref.scene import Camera
 from froxel_ref.scene_files import Loaded, document
 from froxel_ref.settings import SWITCHES, Grid
-from froxel_ref.stages import QUANTITIES, Quantity
+from froxel_ref.stages import QUANTITIES, STAGES, Quantity
 
 if TYPE_CHECKING:
     from froxel_ref.frame import Frame
@@ -38,7 +40,10 @@ __all__ = [
 FORMAT, VERSION = "froxel-ref golden set", 1
 MANIFEST, CONTACT_SHEET = "manifest.json", "contact_sheet.png"
 SLAB = 1 << 22  # bytes written at once: the most that is ever expanded
-PICTURE_BYTES = 4_000_000  # the pictures of one array and its share of the contact sheet, generously
+# The pictures of one array and its share of the contact sheet, generously: their text and frames, and
+# what each value that is shown adds, up to the most pixels that a picture has.
+PICTURE_BYTES, VALUE_BYTES, MOST_PICTURE_BYTES = 150_000, 10, 4_000_000
+MOST_MANIFEST_BYTES = 64_000_000
 ABOUT = {
     "order": "each .npy file is C-contiguous and little-endian, its axes as listed, the last one fastest; "
              "rows run from the top of the image, slices away from the camera",
@@ -163,7 +168,8 @@ def golden_bytes(frame: Frame) -> int:
     """
     views = (gpu_array(array, QUANTITIES[name], frame.scene.camera, frame.settings.grid)[0]
              for name, array in frame.results.items())
-    return sum(view.size * view.itemsize + PICTURE_BYTES for view in views)
+    return sum(view.size * view.itemsize + PICTURE_BYTES + min(VALUE_BYTES * view.size, MOST_PICTURE_BYTES)
+               for view in views)
 
 
 # --- where it may stand -----------------------------------------------------------------------------
@@ -201,18 +207,40 @@ def check_target(folder: Path, *, force: bool) -> None:
 
 
 def _foreign(folder: Path) -> str | None:
-    """A file in the folder that no golden set's manifest there speaks of."""
-    files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*")
-                   if path.is_symlink() or not path.is_dir())
-    known: set[str] = set()
+    """Something in the folder that the golden set there, if there is one, did not put there.
+
+    The manifest is read first: without one of ours nothing else is looked at, however much there is.
+    """
+    known = _listed(folder / MANIFEST)
+    stages = {file.partition("/")[0] for file in known if "/" in file}
+    for name in sorted(entry.name for entry in folder.iterdir()):
+        path = folder / name
+        if name in stages and stat.S_ISDIR(path.lstat().st_mode):
+            inside = sorted(f"{name}/{entry.name}" for entry in path.iterdir())
+        else:
+            inside = [name]
+        for file in inside:
+            if file not in known or not stat.S_ISREG((folder / file).lstat().st_mode):
+                return file
+    return None
+
+
+def _listed(manifest: Path) -> set[str]:
+    """The files of a golden set that its manifest lists; none if it is not one of ours."""
     try:
-        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        if manifest["format"] == FORMAT:
-            known = {MANIFEST, CONTACT_SHEET}
-            known |= {str(array[key]) for array in manifest["arrays"] for key in ("file", "preview")}
-    except (OSError, ValueError, TypeError, KeyError):
-        pass
-    return next((file for file in files if file not in known), None)
+        if not stat.S_ISREG(manifest.lstat().st_mode):  # opening a pipe would wait for ever
+            return set()
+        with manifest.open("rb") as file:
+            content = json.loads(file.read(MOST_MANIFEST_BYTES).decode("utf-8"))
+        if content["format"] != FORMAT:
+            return set()
+        names = [str(array["name"]) for array in content["arrays"]]
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        return set()
+    # Whatever else a manifest lists, only what this program can have written is its own.
+    ours = re.compile(rf"({'|'.join(stage.name for stage in STAGES)})/[a-z_]+")
+    arrays = {f"{name}{ending}" for name in names if ours.fullmatch(name) for ending in (".npy", ".png")}
+    return {MANIFEST, CONTACT_SHEET} | arrays
 
 
 # --- the manifest -----------------------------------------------------------------------------------
@@ -291,7 +319,7 @@ def write_golden(frame: Frame, loaded: Loaded, folder: Path, *, force: bool = Fa
     tell = progress or (lambda name, index, count: None)
     names = [name for name, array in frame.results.items() if array.size]
     with whole_folder(folder, lambda target: check_target(target, force=force)) as partial:
-        check_space(partial, golden_bytes(frame))
+        check_space(partial, golden_bytes(frame), target=folder)
         manifest: dict[str, Any] = {
             "format": FORMAT, "schema_version": VERSION, "conventions": ABOUT,
             "made_by": {"froxel-ref": __version__, "numpy": np.__version__},

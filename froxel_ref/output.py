@@ -6,15 +6,19 @@ process or a lost power supply can leave a ``….partial-…`` behind, which not
 
 from __future__ import annotations
 
-import errno
 import os
 import secrets
 import shutil
+import signal
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from froxel_ref.records import InputError, shown
+
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
 __all__ = ["check_file", "check_space", "refusal", "whole_file", "whole_folder"]
 
@@ -49,8 +53,10 @@ def refusal(error: OSError | MemoryError, place: str, path: str | os.PathLike[st
 
 
 def _partial(target: Path) -> Path:
-    # Same ending, since some writers choose the format by it.
-    return target.with_name(f".{target.stem}.partial-{secrets.token_hex(4)}{target.suffix}")
+    # Same ending, since some writers choose the format by it. Cut, since a name that just fits in what
+    # file systems take (255 bytes) has no room for more: 40 and 8 characters are 192 bytes at most.
+    ending = target.suffix if len(target.suffix) <= 8 else ""
+    return target.with_name(f".{target.stem[:40]}.partial-{secrets.token_hex(4)}{ending}")
 
 
 def _resolved(path: Path, place: str) -> Path:
@@ -62,6 +68,8 @@ def _resolved(path: Path, place: str) -> Path:
         if not target.parent.is_dir():
             missing = "is not a folder" if target.parent.exists() else "does not exist"
             raise InputError(place, f"{shown(str(path))} cannot be written: its folder {missing}")
+        with suppress(FileNotFoundError):
+            target.stat()  # a name that is too long is refused now, not when all is done
     except InputError:
         raise
     except (ValueError, RuntimeError) as error:  # a NUL in the path; a loop of links
@@ -109,7 +117,7 @@ def check_file(path: Path, *, force: bool, place: str = "output") -> Path:
     return target
 
 
-def check_space(folder: Path, needed: int, *, place: str = "output") -> None:
+def check_space(folder: Path, needed: int, *, target: Path | None = None, place: str = "output") -> None:
     """Refuse what the disk cannot hold.
 
     Parameters
@@ -118,6 +126,8 @@ def check_space(folder: Path, needed: int, *, place: str = "output") -> None:
         Where it is to be written.
     needed : int
         How much that is [bytes].
+    target : Path, optional
+        What the message calls it; default: the folder.
     place : str
         What messages begin with.
 
@@ -130,13 +140,14 @@ def check_space(folder: Path, needed: int, *, place: str = "output") -> None:
     --------
     >>> check_space(Path("."), 0)
     """
+    name = folder if target is None else target
     try:
         free = shutil.disk_usage(folder).free
     except OSError as error:
-        raise refusal(error, place, folder) from None
+        raise refusal(error, place, name) from None
     if needed > free:
-        room = f"{shown(str(folder))} has {free / 1e6:,.0f} MB free"
-        raise InputError(place, f"needs about {needed / 1e6:,.0f} MB, {room}")
+        room = f"its disk has {free // 10**6:,} MB free"
+        raise InputError(place, f"{shown(str(name))} needs about {-(-needed // 10**6):,} MB, {room}")
 
 
 @contextmanager
@@ -187,7 +198,8 @@ def whole_file(path: Path, *, force: bool = False, place: str = "output") -> Ite
     except (OSError, MemoryError) as error:
         raise refusal(error, place, path) from None
     finally:
-        _remove(partial)
+        with _undisturbed():
+            _remove(partial)
 
 
 @contextmanager
@@ -234,11 +246,35 @@ def whole_folder(path: Path, check: Callable[[Path], None], *, place: str = "out
         partial.mkdir()
         yield partial
         check(target)
-        _take_place(partial, target)
+        with _undisturbed():
+            _take_place(partial, target)
     except (OSError, MemoryError) as error:
         raise refusal(error, place, path) from None
     finally:
-        _remove(partial)
+        with _undisturbed():
+            _remove(partial)
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Hold back Ctrl-C and its like while files are put in order; the first one comes after."""
+    held: list[int] = []
+
+    def hold(number: int, frame: Any) -> None:
+        held.append(number)
+
+    before: dict[int, Any] = {}
+    try:
+        if threading.current_thread() is threading.main_thread():
+            for number in (getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)):
+                if callable(signal.getsignal(number)):  # what is ignored, or kills, stays as it is
+                    before[number] = signal.signal(number, hold)
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if held:
+            signal.raise_signal(held[0])
 
 
 def _take_place(partial: Path, target: Path) -> None:
@@ -258,11 +294,8 @@ def _take_place(partial: Path, target: Path) -> None:
 
 def _remove(path: Path) -> None:
     """Remove a file or folder of ours, if it is there; a second failure must not hide the first."""
-    try:
+    with suppress(OSError):
         if path.is_dir():
             shutil.rmtree(path)
         elif path.exists():
             path.unlink()
-    except OSError as error:
-        if error.errno not in (errno.ENOENT, errno.EACCES, errno.EROFS, errno.EIO, errno.EPERM):
-            raise

@@ -56,6 +56,9 @@ def override(cls: type[Record], raw: Any, text: str) -> Any:
         raise InputError("override", f"{shown(text)} has no '=', must be path=value")
     if not _PATH.fullmatch(path):
         raise InputError("override", f"{shown(path)} is not a path such as scene.lights[2].radius")
+    far = next((digits for digits in re.findall(r"\d+(?=\])", path) if len(digits) > 18), None)
+    if far is not None:  # beyond every list, and perhaps beyond what int() reads
+        raise InputError("override", f"{shown(path)} has an index of {len(far)} digits, no list is as long")
     steps: list[Step] = [int(digits) if digits else name
                          for name, digits in re.findall(r"([A-Za-z_]\w*)|\[(\d+)\]", path)]
     return _changed(Nested(classes=(cls,)), raw, "", _rooted(cls, steps), value.strip())

@@ -269,12 +269,17 @@ def chosen_slices(values: Field, count: int) -> list[int]:
     if depth <= count:
         return list(range(depth))
     flat = values.reshape(values.shape[0], depth, -1)
-    flat = flat[:, :, :: max(1, flat.shape[2] // 4096)]
+    flat = _tame(flat[:, :, :: max(1, flat.shape[2] // 4096)])
     step = np.abs(np.diff(flat, axis=1)).max(axis=(0, 2))
     changes = np.flatnonzero(step > 1e-3 * step.max())
     first, last = (int(changes[0]), int(changes[-1]) + 1) if changes.size else (0, depth - 1)
     inner = np.linspace(first, last, count - (first > 0) - (last < depth - 1))
     return sorted({0, depth - 1, *(round(k) for k in inner.tolist())})
+
+
+def _tame(values: Field) -> Field:
+    """Values of which every difference is finite."""
+    return np.clip(np.nan_to_num(np.asarray(values, np.float64), nan=0.0), -1e300, 1e300)
 
 
 def tile_size(grid: Grid, target: int) -> tuple[int, int]:
@@ -414,7 +419,7 @@ def curve_panel(values: Field, width: int, height: int, label: str = "slice") ->
     from PIL import ImageDraw
 
     image = canvas(width, height, PANEL)
-    line = values.reshape(values.shape[0], -1)
+    line = _tame(values.reshape(values.shape[0], -1))
     left, right, top, bottom = 64, width - 14, 12, height - 26
     low, high = float(min(0.0, line.min())), float(line.max()) or 1.0
     draw = ImageDraw.Draw(image)

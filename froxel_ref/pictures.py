@@ -27,6 +27,7 @@ __all__ = [
 ]
 
 PAGE, MARGIN, GAP, HEAD, FOOT = 2400, 48, 24, 30, 54
+SLIM, NARROW = 30, 300  # no picture on top is lower or narrower than this, with its words [px]
 HERO = ("apply/radiance", "surface/radiance", "apply/fog_radiance", "apply/fog_transmittance",
         "surface/depth")
 
@@ -106,7 +107,8 @@ def channel_first(array: Field, quantity: Quantity) -> Field:
     """
     axes = full_axes(array, quantity)
     if axes.startswith("l") and len(axes) > 1:
-        array, axes = array.sum(axis=0), axes[1:]
+        with np.errstate(over="ignore", invalid="ignore"):
+            array, axes = array.sum(axis=0), axes[1:]
     return array if axes.startswith("c") else array[None]
 
 
@@ -281,20 +283,23 @@ def _hero(frame: Frame, view: View, width: int) -> Image:
     aspect = view.camera.width / view.camera.height
     tall = min(1100, int((width - 2 * GAP) / aspect + GAP + HEAD + FOOT) // 2)
     short = (tall - GAP - HEAD - FOOT) // 2
-    cells = [_image_cell(frame, name, view, tall if name == HERO[0] else short) for name in shown]
+    if short < SLIM:  # too wide an image to stand beside another
+        return _below([_image_cell(frame, name, view, width, 4 * SLIM) for name in shown])
+    cells = [_image_cell(frame, name, view, width, tall if name == HERO[0] else short) for name in shown]
     pairs = [_below(cells[i:i + 2]) for i in range(1, len(cells), 2)]
     return _beside([cells[0], *pairs])
 
 
-def _image_cell(frame: Frame, name: str, view: View, height: int) -> Image:
+def _image_cell(frame: Frame, name: str, view: View, width: int, height: int) -> Image:
     array, quantity = frame.results[name], QUANTITIES[name]
     values = channel_first(array, quantity)
     display = display_for(name, values, view.exposure)
     if _equal(values):
-        panel = panels.swatch(values, display, round(height * view.camera.width / view.camera.height), height)
+        across = min(width, max(NARROW, round(height * view.camera.width / view.camera.height)))
+        panel = panels.swatch(values, display, across, height)
     else:
-        panel = panels.image_panel(values, display, view, 4 * PAGE, height, exact=False)
-    return _framed(panel, name, array, quantity, display)
+        panel = panels.image_panel(values, display, view, width, height, exact=False)
+    return _framed(panel, name, array, quantity, display, min_width=NARROW)
 
 
 def _stage(frame: Frame, planned: Planned, view: View, width: int) -> Image:

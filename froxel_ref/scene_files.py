@@ -7,6 +7,7 @@ is declared once, in `froxel_ref.scene` and `froxel_ref.settings`; this module o
 from __future__ import annotations
 
 import importlib.resources
+import stat
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -185,10 +186,15 @@ def _builtin_document(name: str) -> Any:
 def _read(path: Path) -> str:
     place = _shown_path(str(path))
     try:
+        mode = path.stat().st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # open() would wait for a pipe's writer for ever
+            raise InputError(place, "cannot be read: is not a regular file")
         with path.open("rb") as file:
-            content = file.read(LARGEST + 1)  # not stat: a device or a pipe has no size
+            content = file.read(LARGEST + 1)
     except OSError as error:
         raise InputError(place, f"cannot be read: {error.strerror or error}") from None
+    except InputError:
+        raise
     except ValueError as error:  # a NUL in the path
         raise InputError(place, f"cannot be read: {error}") from None
     if len(content) > LARGEST:

@@ -251,7 +251,9 @@ def mesh_caster(vertices: Matrix, faces: Facets) -> Caster:
         raise InputError("surfaces", problem) from None
     used = vertices[np.unique(faces)]
     low, high = used.min(axis=0), used.max(axis=0)
-    center, scale = 0.5 * (low + high), 2.0 / float((high - low).max())
+    # A mesh that its transform makes as small as a point is left at its size: no ray hits it.
+    center, size = 0.5 * low + 0.5 * high, float((high - low).max())
+    scale = 2.0 / size if size > 1e-300 else 1.0
     scene = EmbreeScene()
     TriangleMesh(scene, ((vertices - center) * scale).astype(np.float32), np.asarray(faces, np.int32))
 

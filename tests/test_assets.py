@@ -299,6 +299,16 @@ end_header
     ("a.obj", TRIANGLE.replace("1 0 0", "1 nan 0") + "f 1 2 3\n", "1 vertices that are not finite"),
     ("a.obj", TRIANGLE.replace("1 0 0", "1 1e999 0") + "f 1 2 3\n", "1 vertices that are not finite"),
     ("a.obj", TRIANGLE.replace("1 0 0", "1 x 0") + "f 1 2 3\n", "cannot be read as .obj"),
+    ("a.obj", "v 1 2\n" + TRIANGLE + "f 1 2 3\n", "'v 1 2' has fewer than 3 entries"),
+    ("a.obj", TRIANGLE + "f 1 2 # 3\n", "has fewer than 3 entries"),
+    ("a.obj", TRIANGLE + "f 1 2 " + "9" * 5000 + "\n", "cannot be read as .obj: '99"),
+    ("a.obj", TRIANGLE + "f 1 2 3_\n", "cannot be read as .obj: '3_' as a number"),
+    ("a.obj", TRIANGLE + "f 1 2 /3\n", "cannot be read as .obj"),
+    ("a.obj", "v 0 0 0\nv 1 0 0\nf -1 -2 -3\nv 0 1 0\n", "vertex -3, but only 2 vertices before it"),
+    ("a.obj", TRIANGLE + "f 1 1 1\n", "holds no triangle with an area"),
+    ("a.obj", "v 5 5 5\n" * 3 + "f 1 2 3\n", "holds no triangle with an area"),
+    ("a.obj", "v 0 0 0\nv 1 1 1\nv 3 3 3\nf 1 2 3\n", "holds no triangle with an area"),
+    ("a.ply", PLY.format("0", "0"), "holds no triangle with an area"),
     ("a.ply", PLY.format("0", "7"), "names a vertex outside its 3"),
     ("a.ply", PLY.format("0", "-1"), "names a vertex outside its 3"),
     ("a.ply", PLY.format("inf", "2"), "1 vertices that are not finite"),
@@ -362,9 +372,10 @@ def test_a_mesh_opens_no_other_file(folder: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_without_trimesh_the_install_command_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "trimesh", None)
+    (folder / "a.ply").write_text(PLY.format("0", "2"))
     command = r"python -m pip install 'froxel-ref\[mesh\]'"
     with pytest.raises(InputError, match="needs trimesh: " + command) as fault:
-        load_assets(with_mesh("sub/square.obj"), folder)
+        load_assets(with_mesh("a.ply"), folder)
     assert fault.value.place == "surfaces[1].path"
 
 
@@ -400,3 +411,28 @@ def test_the_bunny() -> None:
     assert faces.shape == (69451, 3)
     assert vertices.shape[0] <= 35947  # as its header says; trimesh leaves out what no face names
     np.testing.assert_allclose(np.ptp(vertices, axis=0), [0.1557, 0.1543, 0.1207], atol=1e-4)
+
+
+@pytest.mark.parametrize(("text", "faces"), [
+    # A number below 0 counts back from its own line, whatever comes after it.
+    ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 9 0 0\nv 9 1 0\nv 8 0 0\nf -3 -2 -1\n", [[0, 1, 2], [3, 4, 5]]),
+    ("f 1 2 3\n" + TRIANGLE, [[0, 1, 2]]),  # others may come before their vertices
+    ("v\t0\t0\t0\nv\t1 0\t0\n\tv 0 1 0\nf\t1\t2\t3\n", [[0, 1, 2]]),
+    ("v 0 0 0 # one\nv 1 0 0# two\nv 0 1 0 1.0 0.5 0.5 0.5\nf 1 2 3 # v 4 5 6\n", [[0, 1, 2]]),
+    (TRIANGLE + "vt 0 0\nvn 0 0 1\nf 3/1/1 2//1 1/1\nl 1 2\n", [[2, 1, 0]]),
+    (TRIANGLE.replace("\n", "\r\n") + "f 1 \\\r\n 2 3\r\n", [[0, 1, 2]]),
+    ("\ufeff" + TRIANGLE + "o a # b\ng x\ns off\nf +1 2 3\n", [[0, 1, 2]]),
+    (TRIANGLE + "v 1 1 0\nv 2 2 0\nf 1 2 3\nf 5 4 3 2 1\nf 1 2 4 3\n",
+     [[0, 1, 2], [4, 3, 2], [4, 2, 1], [4, 1, 0], [0, 1, 3], [0, 3, 2]]),
+])
+def test_obj_as_programs_write_it(tmp_path: Path, text: str, faces: list[list[int]]) -> None:
+    (tmp_path / "a.obj").write_bytes(text.encode())
+    vertices, found = read_mesh(tmp_path / "a.obj")
+    assert found.tolist() == faces
+    assert vertices[:3].tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-5, 1e300])
+def test_a_mesh_of_any_size_has_an_area(tmp_path: Path, size: float) -> None:
+    (tmp_path / "a.obj").write_text(TRIANGLE.replace("1", f"{size}") + "f 1 2 3\n")
+    assert len(read_mesh(tmp_path / "a.obj")[1]) == 1

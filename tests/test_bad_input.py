@@ -405,3 +405,29 @@ def test_the_small_disk_is_refused_before_the_frame_is_computed(refused: Refusal
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
     monkeypatch.delattr("froxel_ref.frame.run_frame")  # would be a traceback
     assert re.search(r"needs about \d+ MB", refused("golden", "two-volumes"))
+
+
+@pytest.mark.parametrize("index", ["9" * 5000, "0" * 5000, "1" + "0" * 18])
+def test_an_index_beyond_every_list(refused: Refusal, index: str) -> None:
+    line = refused("render", "scene.json", "--set", f"lights[{index}].radius=1")
+    assert f"has an index of {len(index)} digits" in line
+    assert len(line) < 200
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no named pipes")
+def test_a_scene_that_is_a_pipe_is_not_waited_for(capsys: pytest.CaptureFixture[str], here: Path) -> None:
+    os.mkfifo(here / "pipe.json")
+    assert main(["render", "pipe.json"]) == 2
+    assert "pipe.json: cannot be read: is not a regular file" in capsys.readouterr().err
+
+
+def test_a_small_set_is_not_refused_for_a_small_disk(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = shutil._ntuple_diskusage(10**9, 10**9 - 5 * 10**6, 5 * 10**6)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
+    assert main(["golden", "lights", "--grid", "4x4x4", "--size", "4x4", "-o", "g"]) == 0
+
+
+@pytest.mark.parametrize("name", ["i" * 236 + ".png", "i" * 251 + ".npy"])
+def test_an_image_of_a_long_name(here: Path, name: str) -> None:
+    assert main(["render", "scene.json", "-o", name]) == 0
+    assert (here / name).is_file()

@@ -274,8 +274,11 @@ def test_a_full_standard_output_is_one_line(command: str) -> None:
     assert re.fullmatch(r"froxel-ref: error: .*No space left on device\n", done.stderr)
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_an_interrupted_run_is_quiet_and_leaves_nothing(here: Path, number: int, code: int) -> None:
+@pytest.mark.parametrize(("numbers", "code"), [
+    ([signal.SIGINT], 130), ([signal.SIGTERM], 143), ([signal.SIGHUP], 129),
+    ([signal.SIGTERM, signal.SIGINT], None), ([signal.SIGINT, signal.SIGTERM, signal.SIGHUP], None)])
+def test_an_interrupted_run_is_quiet_and_leaves_nothing(here: Path, numbers: list[int],
+                                                        code: int | None) -> None:
     root = Path(__file__).parent.parent
     command = subprocess.Popen([sys.executable, "-m", "froxel_ref", "golden", "two-volumes"], cwd=here,
                                stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -283,9 +286,10 @@ def test_an_interrupted_run_is_quiet_and_leaves_nothing(here: Path, number: int,
     deadline = time.monotonic() + 60
     while not list(here.glob("*partial*/*/*.npy")) and command.poll() is None and time.monotonic() < deadline:
         time.sleep(0.002)
-    command.send_signal(number)
+    for number in numbers:
+        command.send_signal(number)
     out, err = command.communicate(timeout=60)
-    assert command.returncode == code
+    assert command.returncode in ([code] if code else [129, 130, 143])
     assert (out, err) == (b"", b"")
     assert not os.listdir(here)
 
@@ -310,10 +314,48 @@ def test_memory_that_does_not_suffice_is_one_line(capsys: pytest.CaptureFixture[
     assert not os.listdir(here)
 
 
-def test_signals_are_given_back() -> None:
-    before = signal.getsignal(signal.SIGTERM)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_signals_are_given_back(number: int) -> None:
+    before = signal.getsignal(number)
     main(["--version"])
-    assert signal.getsignal(signal.SIGTERM) is before
+    assert signal.getsignal(number) is before
+
+
+def test_a_run_under_nohup_is_not_hung_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        monkeypatch.setattr("froxel_ref.cli._scenes", lambda _: signal.raise_signal(signal.SIGHUP))
+        assert main(["scenes"]) == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def closed(stream: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """The command in a process of its own, one of its standard streams closed by the shell."""
+    root = Path(__file__).parent.parent
+    return subprocess.run(["sh", "-c", f'exec "$@" {stream}', "sh", sys.executable, "-m", "froxel_ref",
+                           *arguments], capture_output=True, text=True, timeout=120,
+                          env=os.environ | {"PYTHONPATH": str(root)})
+
+
+@pytest.mark.parametrize("command", [["schema"], ["scenes"], ["explain", "uniform", *SMALL]])
+def test_without_standard_output_there_is_nothing_to_print_to(command: list[str]) -> None:
+    done = closed(">&-", *command)
+    assert (done.returncode, done.stderr) == (2, "froxel-ref: error: output: standard output is closed\n")
+
+
+@pytest.mark.parametrize("stream", [">&-", "2>&-", "<&-", ">&- 2>&-", "<&- >&- 2>&-"])
+def test_files_are_written_whatever_stream_is_closed(here: Path, stream: str) -> None:
+    done = closed(stream, "render", "uniform", *SMALL, "-o", "x.png")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (here / "x.png").read_bytes().startswith(b"\x89PNG")
+    assert closed(stream, "golden", "uniform", *SMALL, "-o", "set").returncode == 0
+    assert os.listdir(here / "set")
+
+
+def test_an_error_without_standard_error_is_not_printed_elsewhere() -> None:
+    done = closed("2>&-", "render", "unifrom")
+    assert (done.returncode, done.stdout) == (2, "")
 
 
 def test_outside_the_main_thread_it_works_too(capsys: pytest.CaptureFixture[str]) -> None:

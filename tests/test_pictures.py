@@ -253,8 +253,10 @@ def test_the_lobes_of_a_mixture_are_shown_as_their_sum() -> None:
 # --- the sheet --------------------------------------------------------------------------------------
 
 
-def small_frame(*, fog: bool, width: int = 32, height: int = 18, **settings: object) -> object:
-    camera = Camera(position=(0.0, 1.0, 4.0), target=(0.0, 1.0, 0.0), width=width, height=height)
+def small_frame(*, fog: bool, width: int = 32, height: int = 18, exposure: float = 1.0,
+                **settings: object) -> object:
+    camera = Camera(position=(0.0, 1.0, 4.0), target=(0.0, 1.0, 0.0), width=width, height=height,
+                    exposure=exposure)
     scene = Scene(name="small", camera=camera, surfaces=(Sphere(center=(0.0, 1.0, 0.0)),),
                   global_media=(Medium(extinction=0.1),) if fog else (),
                   lights=(DirectionalLight(direction=(1.0, 1.0, 1.0), irradiance=(3.0, 3.0, 3.0)),))
@@ -262,7 +264,8 @@ def small_frame(*, fog: bool, width: int = 32, height: int = 18, **settings: obj
 
 
 @pytest.mark.parametrize("fog", [True, False])
-@pytest.mark.parametrize("size", [(32, 18), (16, 16), (8, 24), (64, 8)])
+@pytest.mark.parametrize("size", [(32, 18), (16, 16), (8, 24), (64, 8), (1, 1), (12, 1), (100, 1), (1, 100),
+                                  (16384, 1), (1, 16384)])
 def test_the_contact_sheet_is_a_page_for_any_shape_of_image(fog: bool, size: tuple[int, int]) -> None:
     page = contact_sheet(small_frame(fog=fog, width=size[0], height=size[1]))
     assert page.dtype == np.uint8
@@ -287,3 +290,33 @@ def test_a_frame_with_some_results_only_has_a_sheet_of_those() -> None:
 
 def test_the_tone_map_of_one_is_17_of_32() -> None:
     assert math.isclose(float(tone_map(np.ones((3, 1)))[0, 0]), 0.53125, rel_tol=1e-15)
+
+
+TINY, HUGE = 5e-324, 1.7e308
+
+
+@pytest.mark.parametrize("value", [TINY, 1e-310, 1e-300, 1e300, HUGE])
+@pytest.mark.parametrize("exposure", [1e-9, 1.0, 1e9])
+def test_no_radiance_is_too_dark_or_bright_for_a_label(value: float, exposure: float) -> None:
+    radiance = np.full((3, 2, 2), value)
+    display = display_for("lighting/in_scattering", radiance, exposure)
+    # No further than 60 doublings; none for what is bright already.
+    assert display.exposure == exposure * (2.0**60 if value < 1.0 else 1.0)
+    assert "exposure x" in display.label()
+    assert display.paint(radiance).tolist() == [[[0] * 3 if value < 1.0 else [255] * 3] * 2] * 2
+
+
+@pytest.mark.parametrize("name", QUANTITIES)
+def test_a_preview_of_the_ends_of_the_floats(name: str) -> None:
+    """Warnings are errors here: no picture may overflow."""
+    quantity = QUANTITIES[name]
+    ends = np.array([0.0, TINY, 1e-310, HUGE, -HUGE, np.inf, -np.inf, np.nan])
+    array = np.random.default_rng(4).choice(ends, sizes(quantity, True))
+    for values in (array, np.where(array >= 0.0, array, 1.0), np.where(np.abs(array) < 1.0, array, 0.0)):
+        assert preview(values, quantity, name=name, view=View(CAMERA, GRID, 1e9)).dtype == np.uint8
+
+
+def test_the_sheet_of_an_exposure_at_the_end_of_its_range() -> None:
+    for exposure in (1e-9, 1e9):
+        frame = small_frame(fog=True, exposure=exposure)
+        assert contact_sheet(frame).shape[1] == 2400

@@ -255,3 +255,9 @@ def test_without_embree_the_message_names_the_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "embreex.mesh_construction", None)
     with pytest.raises(InputError, match=r"needs Embree: python -m pip install 'froxel-ref\[mesh\]'"):
         mesh_caster(*TETRAHEDRON)
+
+
+@pytest.mark.parametrize("corner", [0.0, 1e16])
+def test_a_mesh_that_shrank_to_a_point_is_not_hit(corner: float) -> None:
+    cast = mesh_caster(np.full((3, 3), corner), np.array([[0, 1, 2]]))
+    assert cast(np.array([[0.1, 0.1, 5.0]]), np.array([[0.0, 0.0, -1.0]])).tolist() == [-1]
