@@ -21,7 +21,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from froxel_ref import __version__
+from froxel_ref import __version__, cli_stability, cli_truth
 from froxel_ref.records import InputError, shown
 
 if TYPE_CHECKING:
@@ -208,6 +208,15 @@ def _parser() -> argparse.ArgumentParser:
     explain = command("explain", _explain, "say which stages a scene needs, and why", EXPLAIN)
     _scene_options(explain)
     explain.add_argument("--json", action="store_true", help="print JSON")
+    truth = command("truth", _truth, "integrate a scene to a tolerance: image, error estimate, picture",
+                    cli_truth.EXAMPLES)
+    _scene_options(truth)
+    _output_options(truth, "DIR", "folder to make (default: truth-SCENE)")
+    cli_truth.add_options(truth)
+    stability = command("stability", _stability, "measure every kernel's rounding on stiff and extreme inputs",
+                        cli_stability.EXAMPLES)
+    _output_options(stability, "DIR", "folder to make (default: stability)")
+    cli_stability.add_options(stability)
     command("schema", _schema, "print the JSON Schema of scene files",
             "example:\n  froxel-ref schema > scene.schema.json\n")
     return parser
@@ -380,6 +389,14 @@ def _facts(frame: Frame) -> dict[str, Any]:
                        "why": planned.why, "parts": parts, "arrays": arrays})
     every = [array for stage in stages for array in stage["arrays"]]
     return {"stages": stages} | {key: sum(a[key] for a in every) for key in ("bytes", "expanded_bytes")}
+
+
+def _truth(args: argparse.Namespace) -> None:
+    cli_truth.run_truth(args, _load)
+
+
+def _stability(args: argparse.Namespace) -> None:
+    cli_stability.run_stability(args, _progress, _table)
 
 
 def _schema(args: argparse.Namespace) -> None:

@@ -36,7 +36,7 @@ class Grid(Record):
 SWITCHES: dict[str, tuple[str, ...]] = {
     "albedo_at_zero": ("zero", "zero", "zero", "divide"),                       # D1
     "emission": ("per_metre", "published", "published", "absorption"),          # D2
-    "integrator": ("analytic", "published", "published", "simple"),             # D3
+    "integrator": ("analytic", "published", "published", "simple", "half_step", "linear", "gauss"),  # D3
     "lookup": ("boundary", "centre", "centre"),                                 # D4
     "near_surface": ("fog", "first_slice", "first_slice"),                      # A11
     "surface_term": ("outside", "outside", "outside", "inside"),                # D5

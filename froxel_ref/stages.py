@@ -331,7 +331,7 @@ def _run_lighting(job: Job, results: Results) -> dict[str, Field]:
 
 
 def _needs_integrate(scene: Scene, settings: Settings) -> Need:
-    if settings.integrator != "analytic" and not _media(scene):
+    if settings.integrator in ("published", "simple") and not _media(scene):
         return True, f"the integrator {settings.integrator!r} dims even a vacuum (D3)"
     return _needs_media(scene, settings)
 
@@ -348,7 +348,7 @@ def _run_integrate(job: Job, results: Results) -> dict[str, Field]:
     whole = integrate.integrate(
         results["lighting/in_scattering"], results["media/extinction"], step, length,
         near=job.settings.grid.near, integrator=job.settings.integrator,
-        integrate_from=job.settings.integrate_from, threads=job.threads)
+        integrate_from=job.settings.integrate_from, depths=job.froxels.depths, threads=job.threads)
     return {f"integrate/{name}": field for name, field in whole._asdict().items()}
 
 

@@ -6,7 +6,7 @@ of the triangle that was hit. The few rays that come near a surface are followed
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from froxel_ref.records import InputError
 
 __all__ = [
     "Caster", "height_field_normals", "hit_height_field", "hit_mesh", "mesh_caster", "mesh_normals",
+    "walk_height_field",
 ]
 
 Caster = Callable[[NDArray[Any], NDArray[Any]], NDArray[np.int32]]
@@ -98,53 +99,85 @@ def _field_range(origin: tuple[float, ...], direction: tuple[Field, ...],
 class _Lines(NamedTuple):
     """Rays in cell coordinates: (u, v, u − v) and z, at depth 0 and per metre of depth."""
 
-    start: tuple[float, float, float, float]
+    start: Matrix  # (4, 1), or (4, n) for lines of many origins
     step: Matrix  # (4, n)
 
 
-def _field_coordinates(origin: tuple[float, ...], direction: Matrix, heights: Field) -> _Lines:
+def walk_height_field(origin: Matrix, direction: Matrix, span: Matrix,
+                      heights: Field) -> tuple[Facets, Matrix, Facets]:
+    """Follow lines of any origins over a height field to the first hit.
+
+    Parameters
+    ----------
+    origin, direction : ndarray, shape (3, n)
+        In the field's local space.
+    span : ndarray, shape (2, n)
+        Parameters between which to look; within the field's square.
+    heights : ndarray, shape (rows, columns)
+        As for `hit_height_field`.
+
+    Returns
+    -------
+    which, depth, triangle : ndarray, shape (hits,)
+        Lines that hit, in no order, the parameters of their hits, and the triangles.
+
+    Examples
+    --------
+    >>> o, d = np.array([[0.25], [0.0], [4.0]]), np.array([[0.0], [0.0], [-1.0]])
+    >>> walk_height_field(o, d, np.array([[0.0], [9.0]]), np.array([[0.0, 1.0], [0.0, 1.0]]))[1].tolist()
+    [3.375]
+    """
+    return _walk(_field_coordinates(origin, direction, heights), span, heights)
+
+
+def _field_coordinates(origin: Sequence[Any] | Matrix, direction: Matrix, heights: Field) -> _Lines:
     rows, columns = heights.shape
     su, sv = 0.5 * (columns - 1), 0.5 * (rows - 1)
     u, v = (origin[0] + 1.0) * su, (origin[1] + 1.0) * sv
     du, dv = direction[0] * su, direction[1] * sv
-    return _Lines((u, v, u - v, origin[2]), np.stack([du, dv, du - dv, direction[2]]))
+    start = np.asarray([u, v, u - v, origin[2]], np.float64).reshape(4, -1)
+    return _Lines(start, np.stack([du, dv, du - dv, direction[2]]))
 
 
 def _walk(lines: _Lines, span: Matrix, heights: Field) -> tuple[Facets, Matrix, Facets]:
     """Rays that hit, their depths and triangles: visit crossings of the three families in order."""
     flat = np.ascontiguousarray(heights, np.float64)
     now, end = span
-    start = np.array(lines.start[:3])[:, np.newaxis]
-    step = lines.step
+    start, step = lines.start, lines.step
     sign = np.sign(step[:3])
     # The next line of each family: the first integer strictly ahead of where the ray enters.
-    ahead = sign * (np.floor(sign * (start + step[:3] * now)) + 1.0)
-    value = _clearance(lines.start, step, now, flat)
+    ahead = sign * (np.floor(sign * (start[:3] + step[:3] * now)) + 1.0)
+    value = _clearance(start, step, now, flat)
     ray = np.arange(now.size)
     found: list[tuple[Facets, Matrix, Facets]] = []
     while ray.size:
         with np.errstate(all="ignore"):
-            crossing = np.where(sign == 0.0, np.inf, (ahead - start) / step[:3])
+            crossing = np.where(sign == 0.0, np.inf, (ahead - start[:3]) / step[:3])
         then = np.maximum(np.minimum(crossing.min(axis=0), end), now)
-        reached = _clearance(lines.start, step, then, flat)
+        reached = _clearance(start, step, then, flat)
         hit = (reached > 0.0) != (value > 0.0)
         if hit.any():
             depth = now[hit] + (then - now)[hit] * (value[hit] / (value[hit] - reached[hit]))
             middle = 0.5 * (now[hit] + then[hit])
-            found.append((ray[hit], depth, _triangle_at(lines.start, step[:, hit], middle, flat.shape)))
+            found.append((ray[hit], depth, _triangle_at(_of(start, hit), step[:, hit], middle, flat.shape)))
         ahead += sign * (crossing <= then)
         keep = ~hit & (then < end)
         now, value = then, reached
         if not keep.all():
             ray, now, end, value = ray[keep], now[keep], end[keep], value[keep]
-            step, sign, ahead = step[:, keep], sign[:, keep], ahead[:, keep]
+            start, step, sign, ahead = _of(start, keep), step[:, keep], sign[:, keep], ahead[:, keep]
     if not found:
         return np.zeros(0, np.intp), np.zeros(0), np.zeros(0, np.intp)
     which, depths, triangles = (np.concatenate(part) for part in zip(*found, strict=True))
     return which, depths, triangles
 
 
-def _cell(start: tuple[float, ...], step: Matrix, t: Matrix, shape: tuple[int, ...]) -> tuple[Any, ...]:
+def _of(start: Matrix, which: NDArray[np.bool_]) -> Matrix:
+    """The origins of some of the lines."""
+    return start[:, which] if start.shape[1] > 1 else start
+
+
+def _cell(start: Matrix, step: Matrix, t: Matrix, shape: tuple[int, ...]) -> tuple[Any, ...]:
     """The cell under a point of each ray, and where in the cell it is."""
     u = np.minimum(np.maximum(start[0] + step[0] * t, 0.0), shape[1] - 1.0)
     v = np.minimum(np.maximum(start[1] + step[1] * t, 0.0), shape[0] - 1.0)
@@ -153,7 +186,7 @@ def _cell(start: tuple[float, ...], step: Matrix, t: Matrix, shape: tuple[int, .
     return row, column, u - column, v - row
 
 
-def _clearance(start: tuple[float, ...], step: Matrix, t: Matrix, heights: Matrix) -> Matrix:
+def _clearance(start: Matrix, step: Matrix, t: Matrix, heights: Matrix) -> Matrix:
     """z − h(x, y) at a point of each ray."""
     row, column, fu, fv = _cell(start, step, t, heights.shape)
     corner = row * heights.shape[1] + column
@@ -168,7 +201,7 @@ def _clearance(start: tuple[float, ...], step: Matrix, t: Matrix, heights: Matri
     return result
 
 
-def _triangle_at(start: tuple[float, ...], step: Matrix, t: Matrix, shape: tuple[int, ...]) -> Facets:
+def _triangle_at(start: Matrix, step: Matrix, t: Matrix, shape: tuple[int, ...]) -> Facets:
     row, column, fu, fv = _cell(start, step, t, shape)
     result: Facets = 2 * (row * (shape[1] - 1) + column) + (fu <= fv)
     return result
