@@ -152,4 +152,8 @@ def composite(scene_radiance: Field, fog_radiance: Field, fog_transmittance: Fie
     >>> composite(np.full((3, 1, 1), 8.0), np.ones((3, 1, 1)), np.full((1, 1), 0.25)).ravel()
     array([3., 3., 3.])
     """
-    return scene_radiance * fog_transmittance + fog_radiance
+    result: Field = scene_radiance * fog_transmittance
+    if result.shape == np.broadcast_shapes(result.shape, fog_radiance.shape):
+        result += fog_radiance
+        return result
+    return np.asarray(result + fog_radiance)
