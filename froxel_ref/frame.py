@@ -103,7 +103,7 @@ def estimate_bytes(scene: Scene, settings: Settings) -> int:
     sizes = {"x": settings.grid.width, "y": settings.grid.height, "z": settings.grid.depth}
     image = {"x": scene.camera.width, "y": scene.camera.height}
     media = scene.global_media + scene.local_media
-    lobes = len({medium.phase_anisotropy for medium in media}) if settings.phase_mixing == "mixture" else 0
+    lobes = _lobes(scene, settings)
     tints = 3 if any(isinstance(medium.extinction, tuple) for medium in media) else 1
     total = 0
     for name, quantity in QUANTITIES.items():
@@ -133,8 +133,7 @@ def working_bytes(scene: Scene, settings: Settings) -> int:
     50
     """
     grid, item = settings.grid, np.dtype(settings.precision).itemsize
-    media = scene.global_media + scene.local_media
-    lobes = len({medium.phase_anisotropy for medium in media}) if settings.phase_mixing == "mixture" else 0
+    lobes = _lobes(scene, settings)
     folds = [surface.heights.size for surface in scene.surfaces
              if isinstance(surface, HeightField) and isinstance(surface.heights, Folds)]
     lamps = sum(isinstance(light, PointLight) for light in scene.lights) + scene.extra_lights.count
@@ -143,6 +142,12 @@ def working_bytes(scene: Scene, settings: Settings) -> int:
     return (3 * lobes * grid.width * grid.height * grid.depth * item
             + lamps * (4 * grid.width * grid.height * item + 32 * grid.depth)
             + sum(64 * size * size for size in folds) + estimate_bytes(scene, settings) // 4)
+
+
+def _lobes(scene: Scene, settings: Settings) -> int:
+    """How many lobes the exact mixture of phase functions may keep apart."""
+    media = scene.global_media + scene.local_media
+    return len({medium.phase_anisotropy for medium in media}) if settings.phase_mixing == "mixture" else 0
 
 
 def _machine_bytes() -> int:

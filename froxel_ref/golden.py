@@ -23,8 +23,7 @@ from froxel_ref import __version__, pictures
 from froxel_ref.arrays import Field
 from froxel_ref.assets import checksums
 from froxel_ref.image_files import write_png
-from froxel_ref.output import check_space, refusal, whole_folder
-from froxel_ref.records import InputError, shown
+from froxel_ref.output import check_folder, check_space, whole_folder
 from froxel_ref.scene import Camera
 from froxel_ref.scene_files import Loaded, document
 from froxel_ref.settings import SWITCHES, Grid
@@ -190,20 +189,7 @@ def check_target(folder: Path, *, force: bool) -> None:
     InputError
         It exists and ``force`` is not set, it is a file, or it holds anything but a golden set.
     """
-    name = shown(str(folder))
-    try:
-        if not folder.exists():
-            return
-        if not folder.is_dir():
-            raise InputError("output", f"{name} is a file, must be a folder")
-        if not force:
-            raise InputError("output", f"{name} exists; give --force to replace it")
-        foreign = _foreign(folder)
-    except OSError as error:
-        raise refusal(error, "output", folder) from None
-    if foreign:
-        raise InputError("output", f"{name} holds {shown(foreign)}, which is not part of a golden set, "
-                                   "must be empty or a golden set to be replaced")
+    check_folder(folder, _foreign, force=force, kind="golden set", short="golden set")
 
 
 def _foreign(folder: Path) -> str | None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from froxel_ref.arrays import Field, Visibility
 from froxel_ref.grid import Froxels, froxel_points
-from froxel_ref.light_rays import LightRays, Rect, light_rays, rect
+from froxel_ref.light_rays import LightRays, Rect, farthest_distance, light_rays, rect
 from froxel_ref.phase import phase
 from froxel_ref.records import InputError
 from froxel_ref.scene import PointLight
@@ -174,7 +174,7 @@ def relate_lamps(lights: Mapping[int, PointLight], lobes: Sequence[Lobe], froxel
     dtype = froxels.depths.dtype
     rays = light_rays(lights, froxels, attenuation=attenuation, restrict=restrict)
     units = {lamp.unit for lamp in rays}
-    farthest = float(np.finfo(dtype).max) ** 0.25 / 16.0 / float(froxels.rays.length.max())
+    farthest = farthest_distance(dtype) / float(froxels.rays.length.max())
     depths = {size: np.minimum(froxels.depths.astype(np.float64) / size, farthest).astype(dtype) for size in units}
     colours = [[channels(lamp.intensity * _factor(lobe, lamp), dtype) for lamp in rays] for lobe in lobes]
     return Lamps(froxels, rays, colours, depths, visibility)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +25,7 @@ from froxel_ref.grid import Froxels, corner_bounds
 from froxel_ref.lights import colour, smallest_d2, spot_cone, unit
 from froxel_ref.scene import PointLight, SpotLight
 
-__all__ = ["ConeRays", "LightRays", "Rect", "light_rays", "rect", "slice_boxes"]
+__all__ = ["ConeRays", "LightRays", "Rect", "farthest_distance", "light_rays", "rect", "slice_boxes"]
 
 Boxes = NDArray[np.intp]
 Rect = tuple[slice, slice, slice]
@@ -160,6 +160,28 @@ def _reached(lights: list[PointLight], froxels: Froxels, restrict: bool) -> Boxe
     return boxes
 
 
+def farthest_distance(dtype: np.dtype[Any]) -> float:
+    """The largest distance, in units of a light's radius, whose fourth power the type can hold with room.
+
+    Parameters
+    ----------
+    dtype : dtype
+        Of the arithmetic.
+
+    Returns
+    -------
+    float
+        2.7e8 in float32.
+
+    Examples
+    --------
+    >>> round(farthest_distance(np.dtype(np.float32)) / 1e8, 1)
+    2.7
+    """
+    largest = float(np.finfo(dtype).max)
+    return math.sqrt(math.sqrt(largest)) / 16.0
+
+
 def _relate(index: int, light: PointLight, boxes: Boxes, froxels: Froxels, rays: Rays, attenuation: str,
             restrict: bool) -> LightRays:
     """One light relative to the rays in its boxes; ``rays.length`` is 1/|p| here, all in float64."""
@@ -182,7 +204,7 @@ def _relate(index: int, light: PointLight, boxes: Boxes, froxels: Froxels, rays:
     limits = np.finfo(dtype)
     # A ray through the light itself, and a light too far away to measure in its radii: the window's fourth
     # power of the distance must stay a number.
-    closest, farthest = CLOSEST * light.min_distance / size, float(limits.max) ** 0.25 / 16.0
+    closest, farthest = CLOSEST * light.min_distance / size, farthest_distance(dtype)
     b = np.clip(b, -farthest, farthest)
     h2 = np.clip(h2, max(closest * closest, 1e4 * float(limits.tiny)), farthest * farthest)
     cone = None

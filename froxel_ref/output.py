@@ -20,7 +20,7 @@ from froxel_ref.records import InputError, shown
 
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
-__all__ = ["check_file", "check_space", "refusal", "whole_file", "whole_folder"]
+__all__ = ["check_file", "check_folder", "check_space", "refusal", "whole_file", "whole_folder"]
 
 
 def refusal(error: OSError | MemoryError, place: str, path: str | os.PathLike[str]) -> InputError:
@@ -77,6 +77,46 @@ def _resolved(path: Path, place: str) -> Path:
     except OSError as error:
         raise refusal(error, place, path) from None
     return target
+
+
+def check_folder(folder: Path, foreign: Callable[[Path], str | None], *, force: bool, kind: str,
+                 short: str) -> None:
+    """Whether a folder of results may be written there: nowhere but on an earlier one, and only if told to.
+
+    Parameters
+    ----------
+    folder : path
+        Where it is to stand.
+    foreign : callable
+        Names something in an existing folder that is no part of such results; None if there is nothing.
+    force : bool
+        Whether what stands there may be replaced.
+    kind, short : str
+        What such a folder is called, in full and again.
+
+    Raises
+    ------
+    InputError
+        It exists and ``force`` is not set, it is a file, or it holds anything foreign.
+
+    Examples
+    --------
+    >>> check_folder(Path("a folder that is not there"), lambda folder: None, force=False, kind="set", short="set")
+    """
+    name = shown(str(folder))
+    try:
+        if not folder.exists():
+            return
+        if not folder.is_dir():
+            raise InputError("output", f"{name} is a file, must be a folder")
+        if not force:
+            raise InputError("output", f"{name} exists; give --force to replace it")
+        found = foreign(folder)
+    except OSError as error:
+        raise refusal(error, "output", folder) from None
+    if found:
+        raise InputError("output", f"{name} holds {shown(found)}, which is not part of a {kind}, "
+                                   f"must be empty or a {short} to be replaced")
 
 
 def check_file(path: Path, *, force: bool, place: str = "output") -> Path:

@@ -15,8 +15,7 @@ import numpy as np
 
 import froxel_ref
 from froxel_ref.image_files import write_png
-from froxel_ref.output import refusal, whole_folder
-from froxel_ref.records import InputError, shown
+from froxel_ref.output import check_folder, whole_folder
 from froxel_ref.stability import WELL, Kernel, Measure, sweep
 
 __all__ = ["CSV", "FORMAT", "JSON", "PAGE", "Report", "check_target", "write_report"]
@@ -60,20 +59,7 @@ def check_target(folder: Path, *, force: bool) -> None:
     InputError
         It exists and ``force`` is not set, it is a file, or it holds anything but a report.
     """
-    name = shown(str(folder))
-    try:
-        if not folder.exists():
-            return
-        if not folder.is_dir():
-            raise InputError("output", f"{name} is a file, must be a folder")
-        if not force:
-            raise InputError("output", f"{name} exists; give --force to replace it")
-        foreign = _foreign(folder)
-    except OSError as error:
-        raise refusal(error, "output", folder) from None
-    if foreign:
-        raise InputError("output", f"{name} holds {shown(foreign)}, which is not part of a stability report, "
-                                   "must be empty or a report to be replaced")
+    check_folder(folder, _foreign, force=force, kind="stability report", short="report")
 
 
 def _foreign(folder: Path) -> str | None:
