@@ -35,17 +35,17 @@ LIGHT: dict[str, Any] = {"at_least": 0.0, "within": (0.0, STRONGEST)}
 # could still invert it, but a point would lose half of its digits on the way.
 SINGULAR = 1e-8
 
-# Vectors that are normalised, and transforms, keep between 1/LONGEST and LONGEST, where squares and
+# Vectors that are normalised, and transforms, keep between 1/WIDEST and WIDEST, where squares and
 # products of three neither overflow nor underflow.
-LONGEST = 1e100
+WIDEST = 1e100
 
 
 def _must_point(direction: tuple[float, ...], name: str) -> None:
     if not any(direction):
         raise InputError(name, "is zero, must point somewhere")
-    if not 1 / LONGEST < math.hypot(*direction) < LONGEST:
-        raise InputError(name, f"has length {math.hypot(*direction):g}, must be within {1 / LONGEST:g} and "
-                               f"{LONGEST:g}")
+    if not 1 / WIDEST < math.hypot(*direction) < WIDEST:
+        raise InputError(name, f"has length {math.hypot(*direction):g}, must be within {1 / WIDEST:g} and "
+                               f"{WIDEST:g}")
 
 
 def _unit(direction: tuple[float, ...]) -> tuple[float, ...]:
@@ -97,9 +97,9 @@ class Transform(Record):
         place = "scale" if self.matrix is None else "matrix"
         linear = self.world_from_local[:3, :3]
         largest = float(np.abs(linear).max())
-        if largest and not 1 / LONGEST < largest < LONGEST:
+        if largest and not 1 / WIDEST < largest < WIDEST:
             raise InputError(
-                place, f"has a largest entry of {largest:g}, must be within {1 / LONGEST:g} and {LONGEST:g}")
+                place, f"has a largest entry of {largest:g}, must be within {1 / WIDEST:g} and {WIDEST:g}")
         sizes = np.linalg.svd(linear / (largest or 1.0), compute_uv=False)
         if not sizes[-1] > SINGULAR * sizes[0]:
             raise InputError(place, "makes the transform singular, must span all three axes")

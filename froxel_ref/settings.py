@@ -37,6 +37,7 @@ SWITCHES: dict[str, tuple[str, ...]] = {
     "albedo_at_zero": ("zero", "zero", "zero", "divide"),                       # D1
     "emission": ("per_metre", "published", "published", "absorption"),          # D2
     "integrator": ("analytic", "published", "published", "simple", "half_step", "linear", "gauss"),  # D3
+    "accumulation": ("compensated", "plain", "plain"),                          # S2
     "lookup": ("boundary", "centre", "centre"),                                 # D4
     "near_surface": ("fog", "first_slice", "first_slice"),                      # A11
     "surface_term": ("outside", "outside", "outside", "inside"),                # D5
@@ -64,6 +65,8 @@ class Switches(Record):
     emission: str | None = _switch(
         "emission", "D2: authored per metre, or σ_a·L_e, or σ_s·L_e as listing 3.2 has it")
     integrator: str | None = _switch("integrator", "D3: slice integral [Dörries 2020, listings 3.3, 3.4]")
+    accumulation: str | None = _switch(
+        "accumulation", "S2: running sums in twice the digits, with the integrator 'analytic' only, or as they round")
     lookup: str | None = _switch("lookup", "D4: stored values belong to slice boundaries, or to centres")
     near_surface: str | None = _switch(
         "near_surface", "A11: surfaces in the first slice have the fog in front of them, or all of the slice's")

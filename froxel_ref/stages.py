@@ -345,10 +345,11 @@ def _neutral_integrate(job: Job) -> dict[str, Field]:
 
 def _run_integrate(job: Job, results: Results) -> dict[str, Field]:
     step, length = grid.step_lengths(job.froxels)
+    how = job.settings
     whole = integrate.integrate(
-        results["lighting/in_scattering"], results["media/extinction"], step, length,
-        near=job.settings.grid.near, integrator=job.settings.integrator,
-        integrate_from=job.settings.integrate_from, depths=job.froxels.depths, threads=job.threads)
+        results["lighting/in_scattering"], results["media/extinction"], step, length, near=how.grid.near,
+        integrator=how.integrator, integrate_from=how.integrate_from, depths=job.froxels.depths,
+        compensated=how.accumulation == "compensated" and how.integrator == "analytic", threads=job.threads)
     return {f"integrate/{name}": field for name, field in whole._asdict().items()}
 
 

@@ -85,6 +85,28 @@ def test_uniform_medium_is_the_closed_form(extinction: float, g: float, integrat
     assert ulps_per_step(frame["integrate/radiance"], radiance) <= 4
 
 
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_4096_slices_end_as_exact_as_one(precision: str) -> None:
+    """S2: 8 ulp behind any number of slices; the plain sums, which grow with them, are far outside."""
+    scene = uniform_scene(0.02, 0.6)
+    how = Settings(grid=Grid(width=8, height=6, depth=4096), precision=precision)
+    radiance, transmittance = closed_form(scene, dataclasses.replace(how, precision="float64"))
+    froxels = [make_froxels(scene.camera, how.grid, dtype=np.dtype(name)) for name in ("float64", precision)]
+    # What the rounded boundaries and rays themselves are off by is the grid's, not the sum's.
+    paths = [f.boundaries[1:].astype(np.float64) * f.rays.length for f in froxels]
+    moved = np.exp(0.02 * (paths[0] - paths[1]))
+    worst = {}
+    for word in ("compensated", "plain"):
+        frame = run_frame(scene, replace(how, accumulation=word))
+        got = frame["integrate/transmittance"]
+        worst[word] = np.max(np.abs(got - transmittance * moved) / np.spacing(got))
+        light = np.abs(frame["integrate/radiance"] - radiance)[:, 1000:] / radiance[:, 1000:]
+        worst[word + " light"] = np.max(light) / np.finfo(precision).eps
+    assert worst["compensated"] <= 8
+    assert worst["plain"] > 30
+    assert worst["compensated light"] < 0.2 * worst["plain light"]
+
+
 def test_the_closed_form_test_can_fail() -> None:
     """A g that is off by 1e-12, or a planar path (D13), is far outside the bound."""
     scene = uniform_scene(0.02, 0.6)

@@ -17,6 +17,7 @@ EXPECTED = {
     "albedo_at_zero": ("D1", "zero", "zero", "zero"),
     "emission": ("D2", "per_metre", "published", "published"),
     "integrator": ("D3", "analytic", "published", "published"),
+    "accumulation": ("S2", "compensated", "plain", "plain"),
     "lookup": ("D4", "boundary", "centre", "centre"),
     "near_surface": ("A11", "fog", "first_slice", "first_slice"),
     "surface_term": ("D5", "outside", "outside", "outside"),
@@ -37,7 +38,7 @@ def test_every_switch_is_in_the_table_and_is_a_field() -> None:
 @pytest.mark.parametrize("name", SWITCHES)
 def test_every_switch_says_which_departure_it_is_for(name: str) -> None:
     field = next(field for field in dataclasses.fields(Switches) if field.name == name)
-    departures = re.match(r"([DA]\d+(?:, [DA]\d+)*): \S", field.metadata["kind"].about)
+    departures = re.match(r"([DAS]\d+(?:, [DAS]\d+)*): \S", field.metadata["kind"].about)
     assert departures is not None
     assert EXPECTED[name][0] in departures[1].split(", ")
 
