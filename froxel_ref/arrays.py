@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeAlias
+from collections.abc import Mapping
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Field", "Index", "Points", "Visibility"]
+__all__ = ["Field", "Index", "Points", "Sight", "Visibility"]
 
 Field: TypeAlias = NDArray[np.floating[Any]]
 """An array broadcastable to (D, H, W), or channel-first to (3, D, H, W); length 1 where nothing varies."""
@@ -19,5 +19,15 @@ Points: TypeAlias = tuple[Field, Field, Field]
 Index: TypeAlias = tuple[slice, slice, slice]
 """A box of froxels: ranges along z, y and x."""
 
-Visibility: TypeAlias = Callable[[int, Points], Field]
-"""What share of a light (its index in the scene) arrives at points: broadcastable to them, in [0, 1]."""
+
+class Sight(Protocol):
+    """What share of a light arrives at points: broadcastable to them, in [0, 1].
+
+    On a surface the unit normal is given as well, towards the side that is lit; in a medium it is not.
+    """
+
+    def __call__(self, points: Points, normal: Points | None = None, /) -> Field: ...
+
+
+Visibility: TypeAlias = Mapping[int, Sight]
+"""By the light's index in the scene. A light that is not in it is hidden by nothing."""

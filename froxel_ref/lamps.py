@@ -77,7 +77,7 @@ class Lamps(NamedTuple):
         For each lobe and light, its intensity with all constant factors.
     depths : dict of float to Field, shape (D, 1, 1)
         The samples' view depth in each light's unit.
-    visibility : Visibility or None
+    visibility : Visibility
         As for `froxel_ref.lighting.in_scattering`.
     """
 
@@ -85,7 +85,7 @@ class Lamps(NamedTuple):
     rays: list[LightRays]
     colours: list[list[Field]]
     depths: dict[float, Field]
-    visibility: Visibility | None
+    visibility: Visibility
 
 
 def make_lobe(scattering: Field, share: float, first: bool, name: str, g: Field | float, dtype: Type) -> Lobe:
@@ -138,7 +138,7 @@ def make_lobe(scattering: Field, share: float, first: bool, name: str, g: Field 
 
 
 def relate_lamps(lights: Mapping[int, PointLight], lobes: Sequence[Lobe], froxels: Froxels, *,
-                 attenuation: str, restrict: bool, visibility: Visibility | None) -> Lamps:
+                 attenuation: str, restrict: bool, visibility: Visibility) -> Lamps:
     """Prepare point and spot lights for the blocks of a grid.
 
     Parameters
@@ -167,7 +167,7 @@ def relate_lamps(lights: Mapping[int, PointLight], lobes: Sequence[Lobe], froxel
     >>> near, behind = (PointLight(position=(0.0, 1.7, z), intensity=(1.0, 1.0, 1.0), radius=4.0)
     ...                 for z in (-6.0, 20.0))
     >>> lamps = relate_lamps({0: near, 1: behind}, [lobe], froxels, attenuation="min_distance",
-    ...                      restrict=True, visibility=None)
+    ...                      restrict=True, visibility={})
     >>> [lamp.number for lamp in lamps.rays]
     [0]
     """
@@ -333,7 +333,7 @@ def add_lamps(lamps: Lamps, lobes: Sequence[Lobe], lights: Sequence[Field], memo
     >>> lobe = make_lobe(np.ones((3, 1, 1, 1)), 1.0, True, "isotropic", 0.0, np.dtype(float))
     >>> lamp = PointLight(position=(0.0, 1.7, -6.0), intensity=(1.0, 1.0, 1.0), falloff="inverse_square")
     >>> lamps = relate_lamps({0: lamp}, [lobe], froxels, attenuation="min_distance", restrict=True,
-    ...                      visibility=None)
+    ...                      visibility={})
     >>> light = np.zeros((3, 4, 3, 3))
     >>> add_lamps(lamps, [lobe], [light], threading.local(), slice(0, 4), slice(0, 3))
     >>> distance = 6.0 - froxels.depths[0, 0, 0]
@@ -418,8 +418,9 @@ def _reach(lamps: Lamps, lamp: LightRays, area: Rect, along: Field, scratch: Fie
         np.clip(v, 0.0, 1.0, out=v)
         np.multiply(v, v, out=v)
         np.multiply(reach, v, out=reach)
-    if lamps.visibility is not None:
-        reach *= lamps.visibility(lamp.number, froxel_points(lamps.froxels, az, ay, ax))
+    sight = lamps.visibility.get(lamp.number)
+    if sight is not None:
+        reach *= sight(froxel_points(lamps.froxels, az, ay, ax))
     return work
 
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -55,6 +56,8 @@ Type: TypeAlias = "np.dtype[np.floating[Any]]"
 # 57,600 to 921,600 elements on two cores, in both types (benchmarks/in_scattering.py).
 OPERAND = 1 << 20
 
+NOTHING: Mapping[int, Field] = MappingProxyType({})
+
 CONSTANT_AMBIENT = 1.0 / (4.0 * math.pi * math.pi)
 
 
@@ -69,7 +72,7 @@ class Job(NamedTuple):
     lamps: Lamps
     emission: str
     exposure: float
-    visibility: Visibility | None
+    visibility: Visibility
 
 
 def in_scattering(
@@ -86,7 +89,7 @@ def in_scattering(
     vbuffer : VBuffer
         Scattering, extinction, emission and phase anisotropy at the samples of ``froxels``, in its dtype.
     lights : sequence of Light
-        All lights; their positions in it are the indices that ``visibility`` is called with.
+        All lights; their positions in it are the indices of ``visibility``.
     froxels : Froxels
         The grid; float64 or float32, which the result has too.
     ambient : (float, float, float) [W m⁻² sr⁻¹]
@@ -103,8 +106,8 @@ def in_scattering(
         A7: ``ambient``, or 1/(4π²) in every channel instead.
     exposure : float
         A12: factor on the result.
-    visibility : callable, optional
-        Called with a light's index and points, gives the share of it that arrives; 1 if not given.
+    visibility : mapping of int to callable, optional
+        For lights that something may hide: given points, the share of the light that arrives.
     threads : int, optional
         Default: one for each core.
     block_size : int, optional
@@ -156,11 +159,12 @@ def in_scattering(
     suns = [sun_rays(i, light, froxels.rays) for i, light in enumerate(lights)
             if isinstance(light, DirectionalLight)]
     local = {i: light for i, light in enumerate(lights) if not isinstance(light, DirectionalLight)}
+    hidden = visibility or {}
     sky = (CONSTANT_AMBIENT,) * 3 if ambient_term == "constant" else ambient
     job = Job(
         froxels=froxels, vbuffer=vbuffer, lobes=lobes, suns=suns, ambient=channels(sky, dtype), emission=emission,
-        lamps=relate_lamps(local, lobes, froxels, attenuation=attenuation, restrict=restrict, visibility=visibility),
-        exposure=exposure, visibility=visibility)
+        lamps=relate_lamps(local, lobes, froxels, attenuation=attenuation, restrict=restrict, visibility=hidden),
+        exposure=exposure, visibility=hidden)
     skies = [None if _along_z(job, lobe) else _sky(job, lobe, lobe.g) for lobe in lobes]
     shape = _shape(job, skies)
     result = np.empty((3, *shape), dtype)
@@ -188,22 +192,27 @@ def _lobes(vbuffer: VBuffer, name: str, second: SecondLobe | None, dtype: Type) 
 
 def _along_z(job: Job, lobe: Lobe) -> bool:
     """Whether the directional part varies along z."""
-    return bool(job.suns) and (job.visibility is not None or lobe.g.shape[0] > 1)
+    return bool(job.suns) and (_shadowed(job) or lobe.g.shape[0] > 1)
 
 
-def _sky(job: Job, lobe: Lobe, g: Field, y: slice = slice(None), seen: Sequence[Field] = ()) -> Field:
+def _shadowed(job: Job) -> bool:
+    """Whether something may hide a sun."""
+    return any(sun.number in job.visibility for sun in job.suns)
+
+
+def _sky(job: Job, lobe: Lobe, g: Field, y: slice = slice(None), seen: Mapping[int, Field] = NOTHING) -> Field:
     """Ambient and directional light scattered towards the camera, per σ_s."""
     total = job.ambient if lobe.first else np.zeros_like(job.ambient)
-    for k, sun in enumerate(job.suns):
+    for sun in job.suns:
         light = sun_light(sun, lobe.name, g, share=lobe.share, rows=y)
-        total = total + (light * seen[k] if seen else light)
+        total = total + (light * seen[sun.number] if sun.number in seen else light)
     return total
 
 
 def _shape(job: Job, skies: Sequence[Field | None]) -> tuple[int, int, int]:
     """The axes along which the result varies."""
     rows, columns = job.froxels.rays.length.shape
-    if job.lamps.rays or (job.suns and job.visibility is not None):
+    if job.lamps.rays or _shadowed(job):
         return job.froxels.depths.shape[0], rows, columns
     parts = [job.vbuffer.emission]
     for lobe, sky in zip(job.lobes, skies, strict=True):
@@ -245,8 +254,8 @@ def _fill(job: Job, whole: Sequence[Field | None], result: Field, memory: thread
 
 def _block_sky(job: Job, lobe: Lobe, z: slice, y: slice) -> Field:
     """Ambient and directional light in a block, where it varies along z."""
-    seen: list[Field] = []
-    if job.visibility is not None:
+    seen: dict[int, Field] = {}
+    if _shadowed(job):
         points = froxel_points(job.froxels, z, y)
-        seen = [job.visibility(sun.number, points) for sun in job.suns]
+        seen = {sun.number: job.visibility[sun.number](points) for sun in job.suns if sun.number in job.visibility}
     return _sky(job, lobe, part(lobe.g, z, y), y, seen)

@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from froxel_ref import apply, grid, integrate, lighting, media, surface
-from froxel_ref.arrays import Field, Visibility
+from froxel_ref.arrays import Field, Points, Visibility
 from froxel_ref.assets import Assets
 from froxel_ref.buffers import Integrated, VBuffer
 from froxel_ref.geometry import Rays, camera_rays
@@ -272,11 +272,12 @@ def _needs_shadow(scene: Scene, settings: Settings) -> Need:
     return False, "this version has no shadows yet"
 
 
-def _unshadowed(job: Job) -> Visibility | None:
-    """No visibility at all where nothing casts; an explicit 1 for every point where all is forced."""
-    if not job.full:
-        return None
-    return lambda light, points: np.ones(np.broadcast_shapes(*(p.shape for p in points)), job.dtype)
+def _unshadowed(job: Job) -> Visibility:
+    """Nothing hides a light where nothing casts; an explicit 1 for every point where all is forced."""
+    def seen(points: Points, normal: Points | None = None) -> Field:
+        return np.ones(np.broadcast_shapes(*(p.shape for p in points)), job.dtype)
+
+    return dict.fromkeys(range(len(job.scene.all_lights)), seen) if job.full else {}
 
 
 # --- lighting ---------------------------------------------------------------------------------------

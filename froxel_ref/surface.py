@@ -234,8 +234,8 @@ def shade(hits: Hits, rays: Rays, scene: Scene, *, attenuation: str = "min_dista
         Its lights, ambient and background radiance.
     attenuation : {"min_distance", "inverse_radius"}
         Lower bound of the distance (A6), see `froxel_ref.lights`.
-    visibility : callable, optional
-        Called with a light's index and points, gives the share of it that arrives; 1 if not given.
+    visibility : mapping of int to callable, optional
+        For lights that something may hide: given points and normals, the share of the light that arrives.
     restrict : bool
         Shade with a light only within the `froxel_ref.geometry.ray_bounds` of its radius.
         The result is the same without.
@@ -266,6 +266,7 @@ def shade(hits: Hits, rays: Rays, scene: Scene, *, attenuation: str = "min_dista
     reach = [(i, light, _reach(light, rays) if restrict else whole)
              for i, light in enumerate(scene.all_lights)]
     radiance = np.zeros((3, *shape), hits.depth.dtype)
+    hidden = visibility or {}
 
     def light_rows(rows: slice) -> None:
         depth, total = hits.depth[rows], radiance[:, rows]
@@ -279,8 +280,9 @@ def shade(hits: Hits, rays: Rays, scene: Scene, *, attenuation: str = "min_dista
             if y.start < y.stop and x.start < x.stop and i in met:
                 nearby = (points[0][y, x], points[1][y, x], points[2][y, x])
                 factor = _arriving(light, nearby, hits.normal[:, rows][:, y, x], attenuation)
-                if visibility is not None:
-                    factor = factor * visibility(i, nearby)
+                if i in hidden:
+                    nx, ny, nz = hits.normal[:, rows][:, y, x]
+                    factor = factor * hidden[i](nearby, (nx, ny, nz))
                 for plane, each in zip(total, colour(light).tolist(), strict=True):
                     plane[y, x] += factor * each
         for c in range(3):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -234,22 +235,19 @@ def _surfaces(scene: Scene, physics: Physics, rays: Rays, assets: Assets,
         return imported(assets, scene)
     hits = find_surfaces(scene.surfaces, rays, assets, threads=threads)
     attenuation = physics.settings.attenuation
-    opaque = exact_visibility(physics.occluders, physics.lights) if physics.occluders else None
+    opaque = exact_visibility(physics.occluders, physics.lights) if physics.occluders else {}
     if not physics.volumetric:
         return hits, shade(hits, rays, scene, attenuation=attenuation, visibility=opaque, threads=threads)
 
-    def passing(channel: int, number: int, points: Points) -> Field:
+    def passing(channel: int, number: int, points: Points, normal: Points | None = None) -> Field:
         way = light_transmittance(physics.media, physics.extinction, physics.lights[number], points,
                                   settings=physics.settings, sun_distance=physics.sun_distance)
         share: Field = way[min(channel, len(way) - 1)]
-        return share if opaque is None else np.asarray(share * opaque(number, points))
+        return np.asarray(share * opaque[number](points)) if number in opaque else share
 
     # Visibility is one number a light: coloured extinction is shaded one channel at a time.
-    if physics.extinction.shape[1] == 1:
-        return hits, shade(hits, rays, scene, attenuation=attenuation, threads=threads,
-                           visibility=lambda number, points: passing(0, number, points))
     planes = []
-    for channel in range(3):
-        planes.append(shade(hits, rays, scene, attenuation=attenuation, threads=threads,
-                            visibility=lambda i, points, c=channel: passing(c, i, points))[channel])  # type: ignore[misc]
-    return hits, np.stack(planes)
+    for channel in range(physics.extinction.shape[1]):
+        every = {number: partial(passing, channel, number) for number in range(len(physics.lights))}
+        planes.append(shade(hits, rays, scene, attenuation=attenuation, visibility=every, threads=threads))
+    return hits, planes[0] if len(planes) == 1 else np.stack([plane[c] for c, plane in enumerate(planes)])

@@ -8,6 +8,7 @@ box, and bisection.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -363,8 +364,8 @@ def exact_visibility(occluding: Sequence[Occluder], lights: Sequence[Light]) -> 
 
     Returns
     -------
-    callable
-        Given a light's index and points, 0 where a surface lies between, else 1; see
+    mapping of int to callable
+        For each light: given points, 0 where a surface lies between, else 1; see
         `froxel_ref.arrays.Visibility`.
 
     Notes
@@ -377,10 +378,10 @@ def exact_visibility(occluding: Sequence[Occluder], lights: Sequence[Light]) -> 
     >>> box = Occluder(Box(), np.eye(4))
     >>> sees = exact_visibility([box], [DirectionalLight(direction=(0, 1, 0), irradiance=(1, 1, 1))])
     >>> x = np.array([0.0, 3.0])
-    >>> sees(0, (x, x - 5.0, 0.0 * x)).tolist()
+    >>> sees[0]((x, x - 5.0, 0.0 * x)).tolist()
     [0.0, 1.0]
     """
-    def visible(number: int, points: Points) -> Array:
+    def visible(number: int, points: Points, normal: Points | None = None) -> Array:
         shape = np.broadcast_shapes(*(p.shape for p in points))
         x = np.stack([np.broadcast_to(p, shape).reshape(-1) for p in points]).astype(np.float64)
         towards, sun = _towards(lights[number])
@@ -391,7 +392,7 @@ def exact_visibility(occluding: Sequence[Occluder], lights: Sequence[Light]) -> 
             dark[left] = _hides(occluder, x[:, left], way[:, left], towards, sun)
         return np.where(dark, 0.0, 1.0).reshape(shape)
 
-    return visible
+    return {number: partial(visible, number) for number in range(len(lights))}
 
 
 def _hides(occluder: Occluder, x: Array, way: Array, towards: Array, sun: bool) -> Mask:

@@ -267,7 +267,8 @@ def test_visibility_sees_the_right_points() -> None:
     lights, factors = [SUN, LAMP, small], (1.0, 0.5, 0.25)
     shares = [(1.0 + x * x) * factor for factor in factors]
     result = in_scattering(medium, lights, froxels, block_size=9,
-                           visibility=lambda i, points: (1.0 + points[0] * points[0]) * factors[i])
+                           visibility={i: lambda points, f=f: (1.0 + points[0] * points[0]) * f
+                                       for i, f in enumerate(factors)})
     want = sum(share * in_scattering(medium, [source], froxels)
                for share, source in zip(shares, lights, strict=True))
     np.testing.assert_allclose(result, want, rtol=1e-14)
@@ -275,8 +276,8 @@ def test_visibility_sees_the_right_points() -> None:
 
 def test_a_visibility_of_one_changes_no_bit() -> None:
     froxels, medium = grid(), fog(0.5)
-    result = in_scattering(medium, ALL, froxels, visibility=lambda i, points: np.ones(
-        np.broadcast_shapes(*(p.shape for p in points))))
+    result = in_scattering(medium, ALL, froxels, visibility=dict.fromkeys(range(len(ALL)), lambda points: np.ones(
+        np.broadcast_shapes(*(p.shape for p in points)))))
     assert result.tobytes() == in_scattering(medium, ALL, froxels).tobytes()
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import math
 import sys
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -240,13 +241,13 @@ def test_visibility_multiplies_each_light():
     lamp = DirectionalLight(direction=(0, 1, 0), irradiance=(8 * math.pi,) * 3, name="lamp")
     asked = []
 
-    def visibility(light, points):
-        asked.append((light, [float(c.ravel()[0]) for c in points]))
+    def visible(light, points, normal):
+        asked.append((light, [float(c.ravel()[0]) for c in points], [float(c.ravel()[0]) for c in normal]))
         return np.full((1, 1), (1.0, 0.25)[light])
 
-    image = shade_scene(floor_scene(sun, lamp), visibility=visibility, threads=1)
+    image = shade_scene(floor_scene(sun, lamp), visibility={i: partial(visible, i) for i in range(2)}, threads=1)
     np.testing.assert_allclose(image.ravel(), [1.5, 0.75, 3.0], rtol=16 * EPS)
-    assert asked == [(0, [0.0, 0.0, 0.0]), (1, [0.0, 0.0, 0.0])]
+    assert asked == [(0, [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]), (1, [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])]
 
 
 def test_attenuation_is_handed_to_the_lights():

@@ -333,7 +333,7 @@ def test_a_ball_and_a_box_in_front_of_a_lamp(rtol, monkeypatch):
     want, partly = [], 0
     for o, u, end in zip(origins.T, d.T, ends, strict=True):
         def seen(t, o=o, u=u):
-            return sees(0, tuple(o[k] + u[k] * np.asarray(t) for k in range(3)))
+            return sees[0](tuple(o[k] + u[k] * np.asarray(t) for k in range(3)))
 
         t = np.linspace(0, end, 3001)
         visible = seen(t)

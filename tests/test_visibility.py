@@ -76,7 +76,7 @@ def blocked(surface, x, light):
 def test_points_are_hidden_as_geometry_says(name, light):
     rng = np.random.default_rng(4)
     x = rng.uniform(-3, 3, (3, 400))
-    seen = exact_visibility(ready(SURFACES[name]), [light])(0, (x[0], x[1], x[2]))
+    seen = exact_visibility(ready(SURFACES[name]), [light])[0]((x[0], x[1], x[2]))
     want = [not blocked(SURFACES[name], p, light) for p in x.T]
     assert 0 < np.mean(want) < 1
     np.testing.assert_array_equal(seen.astype(bool), want)
@@ -90,7 +90,7 @@ def test_dark_stretches_hold_the_points_that_are_hidden(name, light):
     spans = dark_spans(casting, rays, light)
     t = np.random.default_rng(6).uniform(0, 8, (300, 150))
     points = tuple(o[:, None] + d[:, None] * t for o, d in zip(rays.origin, rays.direction, strict=True))
-    hidden = exact_visibility(casting, [light])(0, points) == 0
+    hidden = exact_visibility(casting, [light])[0](points) == 0
     dark = ((t[..., None] > spans[:, None, :, 0]) & (t[..., None] < spans[:, None, :, 1])).any(axis=-1)
     assert 0.005 < hidden.mean() < 0.995
     wrong = dark != hidden
