@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -41,6 +42,9 @@ MESH_EXTENSIONS = (".obj", ".ply", ".glb")
 MESH_INSTALL = "python -m pip install 'froxel-ref[mesh]'"
 
 
+NONE: Mapping[str, NDArray[Any]] = MappingProxyType({})
+
+
 class Assets(NamedTuple):
     """The arrays that a scene describes or names.
 
@@ -56,6 +60,8 @@ class Assets(NamedTuple):
         View depth [m], +inf where there is nothing.
     radiance : ndarray, shape (3, height, width), optional
         Radiance without fog [W m⁻² sr⁻¹].
+    shadow_maps : mapping of str to ndarray, shape (faces, size, size) or (size, size)
+        Depths [m] by the path that a light names, +inf where there is nothing.
     """
 
     textures: Mapping[NoiseDensity | VolumeDensity, NDArray[Any]]
@@ -63,6 +69,7 @@ class Assets(NamedTuple):
     meshes: Mapping[Mesh, Triangles]
     depth: NDArray[Any] | None
     radiance: NDArray[Any] | None
+    shadow_maps: Mapping[str, NDArray[Any]] = NONE
 
 
 def load_assets(scene: Scene, folder: Folder) -> Assets:
@@ -107,9 +114,16 @@ def load_assets(scene: Scene, folder: Folder) -> Assets:
     def mesh(surface: Mesh, place: str) -> Triangles:
         return read_mesh(input_path(folder, surface.path, f"{place}.path"), place=f"{place}.path")
 
+    def shadow_map(path: str, place: str) -> NDArray[Any]:
+        file = input_path(folder, path, place)
+        depths = _read_floats(file, None, place)
+        refuse(depths, np.isnan(depths), "depth must be a number, or +inf", file, place=place)
+        return depths
+
     depth, radiance = _images(scene, folder)
     return Assets(textures=_each(_textures(scene), texture), heights=_each(_heights(scene), heights),
-                  meshes=_meshes(scene, mesh), depth=depth, radiance=radiance)
+                  meshes=_meshes(scene, mesh), depth=depth, radiance=radiance,
+                  shadow_maps=_each(_shadow_maps(scene), shadow_map))
 
 
 def _each(sources: Iterator[tuple[K, str]], read: Callable[[K, str], V]) -> dict[K, V]:
@@ -131,6 +145,12 @@ def _heights(scene: Scene) -> Iterator[tuple[Folds | HeightsFile, str]]:
     for i, surface in enumerate(scene.surfaces):
         if isinstance(surface, HeightField):
             yield surface.heights, f"surfaces[{i}].heights"
+
+
+def _shadow_maps(scene: Scene) -> Iterator[tuple[str, str]]:
+    for i, light in enumerate(scene.lights):
+        if light.shadow_map is not None:
+            yield light.shadow_map, f"lights[{i}].shadow_map"
 
 
 def _meshes(scene: Scene, read: Callable[[Mesh, str], Triangles]) -> dict[Mesh, Triangles]:
@@ -208,6 +228,7 @@ def _paths(scene: Scene) -> Iterator[tuple[str, str]]:
     for i, surface in enumerate(scene.surfaces):
         if isinstance(surface, Mesh):
             yield surface.path, f"surfaces[{i}].path"
+    yield from _shadow_maps(scene)
     if scene.image_buffers is not None:
         yield scene.image_buffers.depth, "image_buffers.depth"
         if scene.image_buffers.radiance is not None:
@@ -289,7 +310,7 @@ def _read_heights(folder: Folder, path: str, place: str) -> NDArray[Any]:
     return heights
 
 
-def _read_floats(file: Path, ndim: int, place: str) -> NDArray[Any]:
+def _read_floats(file: Path, ndim: int | None, place: str) -> NDArray[Any]:
     if file.suffix.lower() != ".npy":
         raise InputError(place, f"{str(file)!r} is not a .npy file")
     values = read_npy(file, ndim=ndim, place=place)

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from froxel_ref.kinds import choice, integer, many, nested, number, text, vector
+from froxel_ref.kinds import choice, flag, integer, many, nested, number, text, vector
 from froxel_ref.records import InputError, Record
 
 Rgb = tuple[float, float, float]
@@ -222,6 +222,8 @@ class DirectionalLight(Record):
     name: str = text("", "for the reader")
     direction: Vec3 = vector(about="from the scene towards the light (L)", **RATE)
     irradiance: Rgb = vector(about="on a surface that faces the light", unit="W/m^2", **LIGHT)
+    casts_shadows: bool = flag(True, "whether surfaces hide it")
+    shadow_map: str | None = text(None, ".npy file of depths made elsewhere (CONVENTIONS.md)", optional=True)
 
     def check_together(self) -> None:
         _must_point(self.direction, "direction")
@@ -243,6 +245,8 @@ class PointLight(Record):
                           about="inverse square times sat(1 − (d/radius)⁴)², or without that window")
     min_distance: float = number(
         0.01, "distance below which the irradiance stops growing", **SIZE)
+    casts_shadows: bool = flag(True, "whether surfaces hide it")
+    shadow_map: str | None = text(None, ".npy file of depths made elsewhere (CONVENTIONS.md)", optional=True)
 
     def check_together(self) -> None:
         if (self.intensity is None) == (self.power is None):
@@ -295,7 +299,8 @@ class ExtraLights(Record):
         hue = unit[:, 3:] + 0.25
         intensity = self.intensity * hue / hue.mean(axis=1, keepdims=True)
         return tuple(
-            PointLight(name=f"extra {i}", position=tuple(p), intensity=tuple(c), radius=self.radius)
+            PointLight(name=f"extra {i}", position=tuple(p), intensity=tuple(c), radius=self.radius,
+                       casts_shadows=False)
             for i, (p, c) in enumerate(zip(position.tolist(), intensity.tolist(), strict=True)))
 
 
@@ -311,6 +316,7 @@ class Plane(Record):
     albedo: Rgb = vector((0.5, 0.5, 0.5), "Lambert reflectance", at_least=0.0, at_most=1.0)
     point: Vec3 = vector(BLACK, "a point of the plane", **PLACE)
     normal: Vec3 = vector((0.0, 1.0, 0.0), "its normal", **RATE)
+    casts_shadows: bool = flag(True, "whether it hides lights from what lies behind it")
 
     def check_together(self) -> None:
         _must_point(self.normal, "normal")
@@ -324,6 +330,7 @@ class Box(Record):
     name: str = text("", "for the reader")
     albedo: Rgb = vector((0.5, 0.5, 0.5), "Lambert reflectance", at_least=0.0, at_most=1.0)
     transform: Transform = nested(Transform, default=Transform(), about="world_from_local")
+    casts_shadows: bool = flag(True, "whether it hides lights from what lies behind it")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -335,6 +342,7 @@ class Sphere(Record):
     albedo: Rgb = vector((0.5, 0.5, 0.5), "Lambert reflectance", at_least=0.0, at_most=1.0)
     center: Vec3 = vector(BLACK, "its centre", **PLACE)
     radius: float = number(1.0, "its radius", **SIZE)
+    casts_shadows: bool = flag(True, "whether it hides lights from what lies behind it")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -363,6 +371,7 @@ class HeightField(Record):
     albedo: Rgb = vector((0.5, 0.5, 0.5), "Lambert reflectance", at_least=0.0, at_most=1.0)
     heights: Folds | HeightsFile = nested(Folds, HeightsFile, about="where the heights come from")
     transform: Transform = nested(Transform, default=Transform(), about="world_from_local")
+    casts_shadows: bool = flag(True, "whether it hides lights from what lies behind it")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -374,6 +383,7 @@ class Mesh(Record):
     albedo: Rgb = vector((0.5, 0.5, 0.5), "Lambert reflectance", at_least=0.0, at_most=1.0)
     path: str = text(about=".obj, .ply or .glb file, relative to the scene's folder")
     transform: Transform = nested(Transform, default=Transform(), about="world_from_local")
+    casts_shadows: bool = flag(True, "whether it hides lights from what lies behind it")
 
 
 Surface = Plane | Box | Sphere | HeightField | Mesh

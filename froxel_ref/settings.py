@@ -8,7 +8,7 @@ from typing import Any
 
 from froxel_ref.kinds import choice, integer, nested, number
 from froxel_ref.records import InputError, Record
-from froxel_ref.scene import LONGEST, SIZE
+from froxel_ref.scene import LONGEST, SHORTEST, SIZE
 
 DISTRIBUTIONS = ("exponential", "linear")
 PHASE_FUNCTIONS = ("henyey_greenstein", "isotropic", "rayleigh", "schlick", "cornette_shanks",
@@ -48,6 +48,7 @@ SWITCHES: dict[str, tuple[str, ...]] = {
     "light_power": ("solid_angle", "solid_angle", "author"),                    # A6
     "ambient": ("scene", "scene", "constant"),                                  # A7
     "exposure": ("display", "display", "lighting"),                             # A12
+    "beyond_cascades": ("lit", "lit", "dark"),                                  # A4
 }
 FIDELITIES = ("corrected", "published", "author")
 
@@ -84,6 +85,8 @@ class Switches(Record):
     ambient: str | None = _switch("ambient", "A7: the scene's ambient radiance, or the constant (1/π)/(4π)")
     exposure: str | None = _switch(
         "exposure", "A12: exposure on display only, or multiplied into the lighting")
+    beyond_cascades: str | None = _switch(
+        "beyond_cascades", "A4: whether a sun lights froxels that no cascade of its shadow map reaches")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +95,52 @@ class SecondLobe(Record):
 
     phase_anisotropy: float = number(-0.3, "its g; the first lobe has the medium's", above=-1.0, below=1.0)
     weight: float = number(0.3, "its share", at_least=0.0, at_most=1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShadowMaps(Record):
+    """Opaque shadow maps: their sizes, and how they are looked up."""
+
+    cascades: int = integer(4, "maps of each directional light, one behind the other", at_least=1, at_most=16)
+    split: float = number(0.5, "share of the exponential distribution in where cascades end [Zhang 2006]",
+                          at_least=0.0, at_most=1.0)
+    directional_size: int = integer(1024, "each cascade, across", unit="texels", at_least=16, at_most=16384)
+    spot_size: int = integer(512, "a spot light's map, across", unit="texels", at_least=16, at_most=16384)
+    point_size: int = integer(256, "each face of a point light's cube, or its octahedral map, across", unit="texels",
+                              at_least=16, at_most=16384)
+    point_map: str = choice("cube", "octahedral", default="cube", about="how a point light's directions are laid out")
+    technique: str = choice("compare", "exponential", default="compare",
+                            about="depths compared, or exponential shadow maps [Wronski 2014]")
+    kernel: int = integer(1, "comparisons averaged: 0 the nearest texel's, n the n·n neighbouring bilinear ones",
+                          at_least=0, at_most=15)
+    constant_bias: float = number(0.0, "how much nearer to the light a point is taken", unit="m", at_least=0.0,
+                                  within=(0.0, LONGEST))
+    slope_bias: float = number(0.0, "the same on surfaces, in what the depth changes by per texel", at_least=0.0,
+                               within=(0.0, LONGEST))
+    normal_bias: float = number(1.0, "how far a surface is lifted, 1 being what a plane needs", at_least=0.0,
+                                within=(0.0, LONGEST))
+    exponent: float = number(80.0, "exponential maps: over the light's range [Annen 2008]", above=0.0,
+                             within=(SHORTEST, 85.0))
+    downsample: int = integer(4, "exponential maps: texels averaged along each axis", at_least=1, at_most=64)
+    blur: int = integer(2, "exponential maps: radius of the Gaussian blur, its σ half of that, downsampled",
+                        unit="texels", at_least=0, at_most=64)
+
+    def check_together(self) -> None:
+        for name in ("directional_size", "spot_size", "point_size"):
+            size = getattr(self, name)
+            if size % (2 * self.downsample if self.technique == "exponential" else 2):
+                raise InputError(name, f"is {size}, must be a multiple of "
+                                       f"{2 * self.downsample if self.technique == 'exponential' else 2}")
+            if size <= 2 * self.border + 8:
+                raise InputError(name, f"is {size}, must be above {2 * self.border + 8}: filters need a border of "
+                                       f"{self.border} texels")
+
+    @property
+    def border(self) -> int:
+        """Texels around a spot light's map and each face of a point light's that filters reach into."""
+        if self.technique == "exponential":
+            return self.downsample * (self.blur + 1)
+        return self.kernel // 2 + 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +155,9 @@ class Settings(Record):
                                  about="how scattered light spreads over directions")
     second_lobe: SecondLobe = nested(
         SecondLobe, default=SecondLobe(), about="for the two-lobe phase function")
-    shadows: str = choice("off", default="off", about="opaque shadows (maps come with a later version)")
+    shadows: str = choice("maps", "exact", "off", default="maps",
+                          about="opaque shadows: by shadow maps, by a ray from every point, or none")
+    shadow_maps: ShadowMaps = nested(ShadowMaps, default=ShadowMaps(), about="for shadows by maps")
     precision: str = choice("float64", "float32", default="float64", about="type of the arithmetic")
     time: float = number(0.0, "scene time, moves scrolling textures", unit="s",
                          within=(-LONGEST, LONGEST))
