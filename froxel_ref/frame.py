@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from froxel_ref.lights import with_intensities
 from froxel_ref.records import InputError, suggest
 from froxel_ref.scene import Folds, HeightField, PointLight, Scene
 from froxel_ref.settings import Settings
+from froxel_ref.shadow_stage import map_texels
 from froxel_ref.stages import FINAL, QUANTITIES, STAGES, Job, Part, Quantity, Stage, forced
 
 __all__ = [
@@ -63,13 +64,19 @@ class Plan:
 
 @dataclass(frozen=True)
 class Frame:
-    """The results of a run by name, the plan that made them, and seconds per stage."""
+    """The results of a run by name, the plan that made them, and seconds per stage.
+
+    ``kept`` holds what the next frame may take over if nothing that it depends on has changed (shadow maps);
+    ``reused`` names the results that this frame took over.
+    """
 
     results: Mapping[str, Field]
     plan: Plan
     timings: Mapping[str, float]
     scene: Scene
     settings: Settings
+    kept: Mapping[tuple[str, ...], tuple[Hashable, Mapping[str, Field]]] = field(default_factory=dict)
+    reused: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> Field:
         if name not in self.results:
@@ -107,10 +114,12 @@ def estimate_bytes(scene: Scene, settings: Settings) -> int:
     tints = 3 if any(isinstance(medium.extinction, tuple) for medium in media) else 1
     total = 0
     for name, quantity in QUANTITIES.items():
+        if name.startswith("shadow/"):
+            continue
         size = {"c": 3, "l": lobes} | (sizes if "z" in quantity.axes or quantity.on_grid else image)
         tinted = name.endswith(("extinction", "transmittance"))
         total += math.prod(size[axis] for axis in quantity.axes) * (tints if tinted else 1)
-    return total * np.dtype(settings.precision).itemsize
+    return (total + map_texels(scene, settings)) * np.dtype(settings.precision).itemsize
 
 
 def working_bytes(scene: Scene, settings: Settings) -> int:
@@ -216,7 +225,7 @@ def plan(scene: Scene, settings: Settings | None = None, outputs: Iterable[str] 
 
 def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets | None = None,
               outputs: Iterable[str] | None = None, force_all: bool = False, threads: int | None = None,
-              progress: Progress | None = None) -> Frame:
+              progress: Progress | None = None, previous: Frame | None = None) -> Frame:
     """Compute a frame: every stage that its plan keeps, in order.
 
     Parameters
@@ -234,6 +243,9 @@ def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets 
         Default: one per core. The result does not depend on it.
     progress : callable, optional
         Called as ``progress(stage, index, count)`` before each stage.
+    previous : Frame, optional
+        An earlier frame, whose shadow maps are taken over where neither lights nor surfaces have moved. The
+        result is the same to the last bit.
 
     Returns
     -------
@@ -271,13 +283,21 @@ def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets 
         if not planned.runs:
             results |= planned.stage.neutral(job)
     timings = {}
+    kept: dict[tuple[str, ...], tuple[Hashable, Mapping[str, Field]]] = {}
+    reused: list[str] = []
     for index, stage in enumerate(running):
         if progress is not None:
             progress(stage.name, index, len(running))
         begin = time.perf_counter()
-        results |= stage.run(job, {name: results[name] for name in stage.reads})
+        keys = stage.keys(job)
+        known = {name: array for group, key in keys.items() if previous is not None and group in previous.kept
+                 and previous.kept[group][0] == key for name, array in previous.kept[group][1].items()}
+        made = stage.run(job, {name: results[name] for name in stage.reads} | known)
         timings[stage.name] = time.perf_counter() - begin
+        kept |= {group: (key, {name: made[name] for name in group}) for group, key in keys.items()}
+        reused += known
+        results |= made
         still_read = {name for later in running[index + 1:] for name in later.reads} | set(the_plan.outputs)
         results = {name: field for name, field in results.items() if name in still_read}
-    kept = {name: results[name] for name in QUANTITIES if name in results and name in the_plan.outputs}
-    return Frame(kept, the_plan, timings, scene, settings)
+    wanted = {name: results[name] for name in QUANTITIES if name in results and name in the_plan.outputs}
+    return Frame(wanted, the_plan, timings, scene, settings, kept, tuple(reused))

@@ -8,13 +8,13 @@ arrives (`froxel_ref.shadow_filters`): what `lighting` and `surface` ask.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from froxel_ref import blocks
-from froxel_ref.arrays import Field, Points, Sight
+from froxel_ref.arrays import Field
 from froxel_ref.lights import colour
 from froxel_ref.records import InputError
 from froxel_ref.scene import Box, Camera, DirectionalLight, Light, Plane, PointLight, Sphere, SpotLight, Surface
@@ -211,7 +211,7 @@ def make_stack(kind: str, lights: Mapping[int, Light], casting: Sequence[Caster]
     shape = map_shape(kind, maps)
     depth = np.empty((len(lights), *shape), dtype)
     matrix = np.empty((len(lights), shape[0], 3, 4))
-    tasks: list[Callable[[], object]] = []
+    tasks: list[Callable[[], None]] = []
     for k, light in enumerate(lights.values()):
         octahedral = kind == "point" and maps.point_map == "octahedral"
         views = [] if octahedral else _views(light, camera, grid, maps)
@@ -249,12 +249,15 @@ def _relative(light: Light) -> Matrix:
     return np.concatenate([np.eye(3), -np.reshape(position, (3, 1))], axis=1)[np.newaxis]
 
 
-def _task(casting: Sequence[Caster], view: LightRaster, out: Field, restrict: bool) -> Callable[[], object]:
-    return lambda: raster_depth(casting, view, dtype=out.dtype, restrict=restrict, out=out)
+def _task(casting: Sequence[Caster], view: LightRaster, out: Field, restrict: bool) -> Callable[[], None]:
+    def draw() -> None:
+        raster_depth(casting, view, dtype=out.dtype, restrict=restrict, out=out)
+
+    return draw
 
 
 def _octahedral_tasks(light: PointLight, casting: Sequence[Caster], out: Field, maps: ShadowMaps,
-                      restrict: bool) -> list[Callable[[], object]]:
+                      restrict: bool) -> list[Callable[[], None]]:
     """The four quarters of a map without its gutter, as distances from the light."""
     border = maps.border
     inner = maps.point_size - 2 * border

@@ -78,7 +78,7 @@ def compare(depth: Field, face: Integers | int, x: Field, y: Field, receiver: Fi
     row, fy = _cell(y, 0.5 * kernel, size - kernel)
     index = (np.asarray(face) * size + row) * size + column
     if kernel == 0:
-        return np.greater(flat.take(index), receiver).astype(receiver.dtype)
+        return np.asarray(np.greater(flat.take(index), receiver), receiver.dtype)
     hidden = np.zeros(receiver.shape, receiver.dtype)
     for i in range(kernel + 1):
         line = np.zeros_like(hidden)
@@ -88,7 +88,8 @@ def compare(depth: Field, face: Integers | int, x: Field, y: Field, receiver: Fi
     # What is hidden is summed, so that a point in full light has exactly 1.
     hidden *= -1.0 / (kernel * kernel)
     hidden += 1.0
-    return np.maximum(hidden, 0.0, out=hidden)
+    result: Field = np.maximum(hidden, 0.0, out=hidden)
+    return result
 
 
 def _cell(place: Field, shift: float, count: int) -> tuple[Integers, Field]:
@@ -150,7 +151,8 @@ def exponential_map(depth: Field, low: Field, high: Field, *, exponent: float = 
         weight = np.exp(-0.5 * (offset / (0.5 * blur)) ** 2)
         for axis in (-1, -2):
             small = _convolve(small, weight / weight.sum(), axis)
-    return small.astype(depth.dtype, copy=False)
+    result: Field = small.astype(depth.dtype, copy=False)
+    return result
 
 
 def _convolve(values: Field, weight: Field, axis: int) -> Field:

@@ -208,7 +208,7 @@ def _frame(matrix: Matrix, size: int) -> tuple[Matrix, Matrix, float]:
     along = matrix[2, :3]
     right, down = (matrix[i, :3] - 0.5 * size * along for i in (0, 1))
     scale = float(np.sqrt(right @ right))
-    origin = -np.linalg.solve(matrix[:, :3], matrix[:, 3])
+    origin = np.asarray(np.linalg.solve(matrix[:, :3], -matrix[:, 3]), np.float64)
     return np.stack([right / scale, down / scale, along]), origin, scale
 
 

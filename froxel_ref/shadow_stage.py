@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
@@ -13,13 +14,14 @@ from froxel_ref.arrays import Field, Points, Sight, Visibility
 from froxel_ref.assets import Assets
 from froxel_ref.scene import DirectionalLight, HeightField, Light, Mesh, Scene, SpotLight, Surface
 from froxel_ref.settings import Settings
-from froxel_ref.shadow import KINDS, Stack, make_stack, map_kind, map_of, shadowed_lights
+from froxel_ref.shadow import KINDS, Stack, make_stack, map_kind, map_of, map_shape, shadowed_lights
 from froxel_ref.shadow_lookup import sight
 from froxel_ref.shadow_raster import casters
 from froxel_ref.shadow_views import cascade_views
 from froxel_ref.visibility import exact_visibility, occluders
 
-__all__ = ["NAMES", "empty_maps", "exact_sights", "map_keys", "map_lights", "map_sights", "needs_maps", "shadow_maps"]
+__all__ = ["NAMES", "empty_maps", "exact_sights", "map_keys", "map_lights", "map_sights",
+           "map_texels", "needs_maps", "shadow_maps"]
 
 NAMES = {kind: tuple(f"shadow/{kind}_{field}" for field in Stack._fields) for kind in KINDS}
 """The results' names, a tuple for each kind of light in the order of `froxel_ref.shadow.Stack`."""
@@ -75,6 +77,30 @@ def map_lights(scene: Scene, kind: str) -> dict[int, Light]:
     """
     lights = scene.all_lights
     return {i: lights[i] for i in shadowed_lights(lights, scene.surfaces) if map_kind(lights[i]) == kind}
+
+
+def map_texels(scene: Scene, settings: Settings) -> int:
+    """How many texels the shadow maps of a scene have.
+
+    Parameters
+    ----------
+    scene : Scene
+    settings : Settings
+
+    Returns
+    -------
+    int
+        0 where none are made.
+
+    Examples
+    --------
+    >>> map_texels(Scene(), Settings())
+    0
+    """
+    if not needs_maps(scene, settings)[0]:
+        return 0
+    maps = settings.shadow_maps
+    return sum(len(map_lights(scene, kind)) * math.prod(map_shape(kind, maps)) for kind in KINDS)
 
 
 def shadow_maps(scene: Scene, settings: Settings, assets: Assets, *, dtype: DTypeLike = np.float64,

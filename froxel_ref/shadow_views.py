@@ -63,7 +63,8 @@ def shadow_basis(direction: tuple[float, ...]) -> Matrix:
     >>> shadow_basis((0.0, 0.0, -2.0)).tolist()
     [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]
     """
-    axis = np.asarray(unit(direction))
+    x, y, z = direction
+    axis = np.array(unit((x, y, z)))
     up = np.array([0.0, 1.0, 0.0]) if abs(axis[1]) < 0.99 else np.array([0.0, 0.0, -1.0])
     right = np.cross(axis, up)
     right /= np.sqrt(right @ right)

@@ -7,14 +7,14 @@ A stage here only binds named arrays to the plain functions of its module.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
 
-from froxel_ref import apply, grid, integrate, lighting, media, surface
+from froxel_ref import apply, grid, integrate, lighting, media, shadow_stage, surface
 from froxel_ref.arrays import Field, Points, Visibility
 from froxel_ref.assets import Assets
 from froxel_ref.buffers import Integrated, VBuffer
@@ -35,6 +35,7 @@ from froxel_ref.scene import (
     VolumeDensity,
 )
 from froxel_ref.settings import Settings, replace
+from froxel_ref.shadow import shadowed_lights
 
 __all__ = ["FINAL", "QUANTITIES", "STAGES", "Job", "Part", "Quantity", "Stage", "forced"]
 
@@ -59,6 +60,18 @@ class Quantity:
 RADIANCE, PER_METRE = "W m^-2 sr^-1", "W m^-3 sr^-1"
 QUANTITIES: dict[str, Quantity] = {
     "grid/slice_depth": Quantity("z", "m", "view depth of each slice's far boundary"),
+    "shadow/directional_light": Quantity("m", "1", "index of each directional light that has shadow maps"),
+    "shadow/directional_depth": Quantity("mfvu", "m", "depth of the first surface in each texel of each cascade"),
+    "shadow/directional_matrix": Quantity("mfij", "1", "from the world to texels and depth"),
+    "shadow/directional_exponential": Quantity("mfvu", "1", "the filtered exponential maps of the cascades"),
+    "shadow/spot_light": Quantity("m", "1", "index of each spot light that has a shadow map"),
+    "shadow/spot_depth": Quantity("mfvu", "m", "depth of the first surface in each texel"),
+    "shadow/spot_matrix": Quantity("mfij", "1", "from the world to texels times depth, and depth"),
+    "shadow/spot_exponential": Quantity("mfvu", "1", "the filtered exponential maps"),
+    "shadow/point_light": Quantity("m", "1", "index of each point light that has a shadow map"),
+    "shadow/point_depth": Quantity("mfvu", "m", "depth of the first surface in each texel of each face"),
+    "shadow/point_matrix": Quantity("mfij", "1", "from the world to texels times depth, and depth, of each face"),
+    "shadow/point_exponential": Quantity("mfvu", "1", "the filtered exponential maps of the faces"),
     "surface/depth": Quantity("yx", "m", "view depth of the nearest surface, infinite where there is none"),
     "surface/normal": Quantity("cyx", "1", "unit normal of that surface in world space, towards the camera"),
     "surface/albedo": Quantity("cyx", "1", "Lambert reflectance of that surface"),
@@ -131,7 +144,11 @@ Need = tuple[bool, str]
 
 @dataclass(frozen=True)
 class Stage:
-    """One stage: its data flow, when it is needed, what stands for it when not, and how it runs."""
+    """One stage: its data flow, when it is needed, what stands for it when not, and how it runs.
+
+    ``keys`` says what groups of its results depend on: of an earlier frame with an equal key they are handed to
+    ``run`` among what it reads, and it hands them on.
+    """
 
     name: str
     about: str
@@ -141,6 +158,7 @@ class Stage:
     neutral: Callable[[Job], dict[str, Field]]
     run: Callable[[Job, Results], dict[str, Field]]
     parts: Callable[[Scene, Settings], tuple[Part, ...]] = lambda scene, settings: ()
+    keys: Callable[[Job], Mapping[tuple[str, ...], Hashable]] = lambda job: {}
 
 
 def _whole(rays: Rays) -> Rays:
@@ -195,7 +213,7 @@ def _run_surface(job: Job, results: Results) -> dict[str, Field]:
         hits = surface.find_surfaces(job.scene.surfaces, job.image_rays, job.assets, threads=job.threads,
                                      restrict=not job.full)
         radiance = surface.shade(hits, job.image_rays, job.scene, attenuation=job.settings.attenuation,
-                                 visibility=_unshadowed(job), threads=job.threads, restrict=not job.full)
+                                 visibility=_visibility(job, results), threads=job.threads, restrict=not job.full)
     return {"surface/depth": hits.depth, "surface/normal": hits.normal, "surface/albedo": hits.albedo,
             "surface/radiance": radiance}
 
@@ -266,18 +284,26 @@ def _run_media(job: Job, results: Results) -> dict[str, Field]:
 # --- shadow -----------------------------------------------------------------------------------------
 
 
-def _needs_shadow(scene: Scene, settings: Settings) -> Need:
-    if not scene.surfaces:
-        return False, "the scene has nothing that casts a shadow"
-    return False, "this version has no shadows yet"
+def _run_shadow(job: Job, results: Results) -> dict[str, Field]:
+    return shadow_stage.shadow_maps(job.scene, job.settings, job.assets, dtype=job.dtype, threads=job.threads,
+                                    restrict=not job.full, known=results)
 
 
-def _unshadowed(job: Job) -> Visibility:
-    """Nothing hides a light where nothing casts; an explicit 1 for every point where all is forced."""
+def _shadow_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
+    return tuple(Part(f"{kind} lights", *_some(found, _count(len(found), "light"), "none that a surface may hide"))
+                 for kind, found in ((kind, shadow_stage.map_lights(scene, kind)) for kind in shadow_stage.NAMES))
+
+
+def _visibility(job: Job, results: Results) -> Visibility:
+    """What hides each light; where all is forced, an explicit 1 for those that nothing hides."""
+    how = job.settings.shadows
+    found = dict(shadow_stage.map_sights(results, job.scene, job.settings) if how == "maps" else
+                 shadow_stage.exact_sights(job.scene, job.assets) if how == "exact" else {})
+
     def seen(points: Points, normal: Points | None = None) -> Field:
         return np.ones(np.broadcast_shapes(*(p.shape for p in points)), job.dtype)
 
-    return dict.fromkeys(range(len(job.scene.all_lights)), seen) if job.full else {}
+    return dict.fromkeys(range(len(job.scene.all_lights)), seen) | found if job.full else found
 
 
 # --- lighting ---------------------------------------------------------------------------------------
@@ -301,7 +327,10 @@ def _needs_lighting(scene: Scene, settings: Settings) -> Need:
 def _lighting_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     suns = sum(isinstance(light, DirectionalLight) for light in scene.all_lights)
     local, sources = len(scene.all_lights) - suns, _sources(scene, settings)
-    casts, why = _needs_shadow(scene, settings)
+    casts, why = shadow_stage.needs_maps(scene, settings)
+    if settings.shadows == "exact":
+        found = shadowed_lights(scene.all_lights, scene.surfaces)
+        casts, why = bool(found), why if found else "the scene has nothing that hides a light"
     return (
         Part("directional lights", *_some(suns, _count(suns, "light"), "the scene has none")),
         Part("point and spot lights", *_some(local, _count(local, "light"), "the scene has none")),
@@ -322,7 +351,7 @@ def _run_lighting(job: Job, results: Results) -> dict[str, Field]:
     light = lighting.in_scattering(
         _v_buffer(results), scene.all_lights, job.froxels, ambient=scene.ambient,
         phase_function=settings.phase_function, second_lobe=settings.second_lobe, emission=settings.emission,
-        attenuation=settings.attenuation, ambient_term=settings.ambient, visibility=_unshadowed(job),
+        attenuation=settings.attenuation, ambient_term=settings.ambient, visibility=_visibility(job, results),
         exposure=scene.camera.exposure if settings.exposure == "lighting" else 1.0, threads=job.threads,
         restrict=not job.full)
     return {"lighting/in_scattering": light}
@@ -408,6 +437,7 @@ def _path(job: Job, extinction: Field) -> Integrated:
 _MEDIA = ("media/scattering", "media/extinction", "media/emission", "media/phase_anisotropy",
           "media/lobe_scattering", "media/lobe_anisotropy")
 _SURFACE = ("surface/depth", "surface/normal", "surface/albedo", "surface/radiance")
+_SHADOW = tuple(name for names in shadow_stage.NAMES.values() for name in names)
 _INTEGRATED = tuple(f"integrate/{name}" for name in Integrated._fields)
 
 
@@ -418,11 +448,14 @@ def _always(scene: Scene, settings: Settings) -> Need:
 STAGES: tuple[Stage, ...] = (
     Stage("grid", "froxels: slices of view depth", (), ("grid/slice_depth",),
           _always, lambda job: {}, _run_grid),
-    Stage("surface", "the nearest opaque surface and its Lambert shading", (), _SURFACE,
+    Stage("shadow", "maps of what surfaces hide from each light", (), _SHADOW, shadow_stage.needs_maps,
+          lambda job: shadow_stage.empty_maps(job.settings, job.dtype), _run_shadow, _shadow_parts,
+          lambda job: shadow_stage.map_keys(job.scene, job.settings, job.assets)),
+    Stage("surface", "the nearest opaque surface and its Lambert shading", _SHADOW, _SURFACE,
           _needs_surface, _neutral_surface, _run_surface),
     Stage("media", "the V-Buffer: material of the media at each froxel", (), (*_MEDIA, "media/albedo"),
           _needs_media, _neutral_media, _run_media, _media_parts),
-    Stage("lighting", "light scattered towards the camera at each froxel", _MEDIA,
+    Stage("lighting", "light scattered towards the camera at each froxel", (*_MEDIA, *_SHADOW),
           ("lighting/in_scattering",), _needs_lighting,
           lambda job: {"lighting/in_scattering": _constant(job, "czyx", BLACK)},
           _run_lighting, _lighting_parts),
@@ -471,7 +504,7 @@ def forced(job: Job) -> Job:
     if not _media(scene) and settings.albedo_at_zero == "divide":
         settings = replace(settings, albedo_at_zero="zero")
     lights = (*scene.all_lights, DirectionalLight(direction=(0.0, 1.0, 0.0), irradiance=BLACK),
-              PointLight(position=scene.camera.target, intensity=BLACK))
+              PointLight(position=scene.camera.target, intensity=BLACK, casts_shadows=False))
     surfaces = scene.surfaces if scene.surfaces or scene.image_buffers else (_behind(scene),)
     scene = dataclasses.replace(
         scene, lights=lights, extra_lights=ExtraLights(), surfaces=surfaces,
@@ -482,10 +515,10 @@ def forced(job: Job) -> Job:
 
 
 def _behind(scene: Scene) -> Sphere:
-    """A sphere that no ray meets."""
+    """A sphere that no ray meets and that hides no light."""
     forward = np.subtract(scene.camera.target, scene.camera.position)
     x, y, z = (scene.camera.position - 4.0 * forward).tolist()
-    return Sphere(center=(x, y, z), radius=float(np.linalg.norm(forward)))
+    return Sphere(center=(x, y, z), radius=float(np.linalg.norm(forward)), casts_shadows=False)
 
 
 def _with_all_parts(medium: AnyMedium) -> AnyMedium:
