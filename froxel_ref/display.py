@@ -8,6 +8,7 @@
 - *unit* (transmittance): grey, linear from 0 to 1 in display values, so that ½ looks half as bright;
 - *normal*: ½ + ½n;
 - *depth*: a colour ramp over the logarithm; grey where a ray hits nothing;
+- *span* (depth in a directional light's cascade): the ramp over all but the outermost fiftieths;
 - *scalar*: the colour ramp from 0 (or the smallest value, if negative) to the largest.
 
 The ramp is a cubehelix [Green 2011]: brightness grows steadily along it, so that it survives a grey
@@ -34,7 +35,8 @@ Bytes = NDArray[np.uint8]
 NOT_A_NUMBER, NOTHING = (255, 0, 255), (58, 60, 66)
 WHITE_LEVEL = 4.0
 FINAL = "apply/radiance"  # the one picture that must look like a backend's own output
-_KINDS = {"depth": "depth", "slice_depth": "depth", "normal": "normal", "albedo": "reflectance",
+_KINDS = {"depth": "depth", "slice_depth": "depth", "spot_depth": "depth", "point_depth": "depth",
+          "directional_depth": "span", "normal": "normal", "albedo": "reflectance",
           "transmittance": "unit", "front_transmittance": "unit", "fog_transmittance": "unit",
           "radiance": "radiance", "front_radiance": "radiance", "fog_radiance": "radiance",
           "in_scattering": "radiance"}
@@ -293,6 +295,8 @@ class Display(NamedTuple):
             return f"peak {self.high:.4g}, exposure x{self.exposure:.4g}, tone-mapped"
         if self.kind in ("normal", "reflectance", "unit"):
             return span
+        if self.kind == "span":
+            return f"{span} and beyond"
         return f"{span} and beyond, logarithmic" if self.kind == "depth" else f"{span} on the scale"
 
 
@@ -320,6 +324,7 @@ def display_for(name: str, values: Field, exposure: float = 1.0) -> Display:
     """
     fallback = "colour" if values.shape[0] == 3 else "scalar"
     kind = _KINDS.get(name.rpartition("/")[2], fallback)
+    values = values if values.dtype.kind == "f" else values.astype(np.float64)
     finite = np.isfinite(values)
     low, high = (float(np.min(values, where=finite, initial=np.inf)),
                  float(np.max(values, where=finite, initial=-np.inf))) if finite.any() else (0.0, 0.0)
@@ -331,6 +336,9 @@ def display_for(name: str, values: Field, exposure: float = 1.0) -> Display:
         return Display(kind, max(low, 1e-6), max(min(high, 2.0 * near), 1e-6), 1.0)
     if kind == "unit":
         return Display(kind, low, high, 1.0)
+    if kind == "span" and finite.any():
+        # Surfaces that a light grazes run far in both directions.
+        low, high = (float(v) for v in np.quantile(values[finite], (0.02, 0.98)))
     return Display(kind, min(low, 0.0) if kind in ("scalar", "colour") else low, high, 1.0)
 
 

@@ -20,7 +20,7 @@ from froxel_ref.lights import with_intensities
 from froxel_ref.records import InputError, suggest
 from froxel_ref.scene import Folds, HeightField, PointLight, Scene
 from froxel_ref.settings import Settings
-from froxel_ref.shadow_stage import map_texels
+from froxel_ref.shadow_stage import map_bytes
 from froxel_ref.stages import FINAL, QUANTITIES, STAGES, Job, Part, Quantity, Stage, forced
 
 __all__ = [
@@ -119,7 +119,7 @@ def estimate_bytes(scene: Scene, settings: Settings) -> int:
         size = {"c": 3, "l": lobes} | (sizes if "z" in quantity.axes or quantity.on_grid else image)
         tinted = name.endswith(("extinction", "transmittance"))
         total += math.prod(size[axis] for axis in quantity.axes) * (tints if tinted else 1)
-    return (total + map_texels(scene, settings)) * np.dtype(settings.precision).itemsize
+    return total * np.dtype(settings.precision).itemsize + map_bytes(scene, settings)
 
 
 def working_bytes(scene: Scene, settings: Settings) -> int:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AMBER", "FAINT", "INK", "PANEL", "PAPER", "View", "canvas", "chosen_slices", "curve_panel", "drawable",
-    "image_panel", "legend", "plan_panel", "scaled", "slices_panel", "swatch", "tile_size", "write",
+    "image_panel", "legend", "plan_panel", "scaled", "slices_panel", "swatch", "table_panel", "tile_size", "write",
 ]
 
 PAPER, PANEL = (22, 24, 28), (34, 37, 43)
@@ -399,6 +399,33 @@ def plan_panel(values: Field, display: Display, view: View, width: int, height: 
     return image
 
 
+def table_panel(values: Field, width: int, *, rows: int = 12) -> Image:
+    """Numbers as text, a line for each entry of the first axes.
+
+    Parameters
+    ----------
+    values : ndarray, shape (m,) or (m, faces, 3, 4)
+        Indices, or matrices, of which each is a line.
+    width : int
+        The most that the panel may take [px].
+    rows : int
+        The most lines.
+
+    Returns
+    -------
+    PIL.Image.Image
+        The panel; says how many lines it left out.
+    """
+    lines = [f"{k}:  {value}" for k, value in enumerate(values.tolist())] if values.ndim == 1 else [
+        f"{k}, {face}:   " + "   |   ".join("  ".join(f"{v:.6g}" for v in row) for row in matrix)
+        for k, light in enumerate(values.tolist()) for face, matrix in enumerate(light)]
+    shown = lines[:rows] + ([f"and {len(lines) - rows} more"] if len(lines) > rows else [])
+    image = canvas(min(width, 220 if values.ndim == 1 else 1100), 20 * len(shown) + 12, PANEL)
+    for k, line in enumerate(shown):
+        write(image, (8, 6 + 20 * k), line, 15, INK, image.width - 16)
+    return image
+
+
 def curve_panel(values: Field, width: int, height: int, label: str = "slice") -> Image:
     """A one-dimensional array as a curve over its index.
 
@@ -458,7 +485,7 @@ def legend(display: Display, width: int, *, plain: bool = False) -> Image:
     from PIL import Image
 
     image, x = canvas(width, 22), 0
-    if not plain and display.kind in ("unit", "scalar", "depth"):
+    if not plain and display.kind in ("unit", "scalar", "depth", "span"):
         bar_width = min(100, width // 4)
         steps = np.broadcast_to(np.linspace(0.0, 1.0, bar_width), (1, 12, bar_width))
         bar = grey(steps) if display.kind == "unit" else ramp_colours(steps[0])

@@ -27,6 +27,8 @@ __all__ = [
 ]
 
 PAGE, MARGIN, GAP, HEAD, FOOT = 2400, 48, 24, 30, 54
+# Of shadow maps, texels shown of a face, faces in a row; and axes of arrays that are read, not looked at.
+MAP_TEXELS, MAPS_ACROSS, TABLES = 256, 12, ("m", "mfij")
 SLIM, NARROW = 30, 300  # no picture on top is lower or narrower than this, with its words [px]
 HERO = ("apply/radiance", "surface/radiance", "apply/fog_radiance", "apply/fog_transmittance",
         "surface/depth")
@@ -85,7 +87,7 @@ def varying(array: Field, quantity: Quantity) -> str:
 
 
 def channel_first(array: Field, quantity: Quantity) -> Field:
-    """The array with a channel axis in front; the lobes of a mixture are added up.
+    """The array with a channel axis in front; lobes of a mixture are added up, maps laid side by side.
 
     Parameters
     ----------
@@ -106,10 +108,26 @@ def channel_first(array: Field, quantity: Quantity) -> Field:
     (1, 4, 1, 1)
     """
     axes = full_axes(array, quantity)
+    if axes == "mfvu":
+        return _mosaic(array)[None]
     if axes.startswith("l") and len(axes) > 1:
         with np.errstate(over="ignore", invalid="ignore"):
             array, axes = array.sum(axis=0), axes[1:]
     return array if axes.startswith("c") else array[None]
+
+
+def _mosaic(maps: Field) -> Field:
+    """Shadow maps as one image: a light's faces side by side, lights in rows, as many beside each other as fit."""
+    lights, faces, rows, _ = maps.shape
+    thin = max(1, rows // MAP_TEXELS)
+    small = maps[..., thin // 2::thin, thin // 2::thin]
+    beside = max(1, min(lights, MAPS_ACROSS // faces))
+    count = -(-lights // beside)
+    filled = np.full((count * beside, *small.shape[1:]), np.inf, maps.dtype)
+    filled[:lights] = small
+    parts = filled.reshape(count, beside, faces, *small.shape[2:])
+    image: Field = parts.transpose(0, 3, 1, 2, 4).reshape(count * small.shape[2], -1)
+    return image
 
 
 # --- one array --------------------------------------------------------------------------------------
@@ -163,6 +181,8 @@ def final_image(radiance: Field, view: View) -> Bytes:
 def _body(name: str, values: Field, quantity: Quantity, display: Display, view: View, *,
           slices: tuple[int, int], target: int, box: tuple[int, int], width: int) -> Image:
     """The picture itself, by which of z, y, x the values vary on."""
+    if quantity.axes in TABLES:
+        return panels.table_panel(values[0], width)
     if _equal(values):
         return panels.swatch(values, display, 300, 84)
     if _along_one(values):
@@ -190,6 +210,8 @@ def _framed(body: Image, name: str, array: Field, quantity: Quantity, display: D
             min_width: int = 0) -> Image:
     """A picture with its name and unit above, its range and axes below."""
     width = max(body.width, min_width)
+    if quantity.axes.startswith("m"):
+        return _framed_maps(body, name, array, quantity, display, width)
     axes, unit = varying(array, quantity), f"  [{quantity.unit}]" if quantity.unit != "1" else ""
     same = _equal(channel_first(array, quantity))
     carried = "the same everywhere" if same else f"varies along {', '.join(axes) or 'its lobes'}"
@@ -202,6 +224,24 @@ def _framed(body: Image, name: str, array: Field, quantity: Quantity, display: D
         picture.paste(panels.legend(display, width, plain=plain), (0, foot))
         foot += 23
     write(picture, (0, foot), carried, 16, FAINT, width)
+    return picture
+
+
+def _framed_maps(body: Image, name: str, array: Field, quantity: Quantity, display: Display, width: int) -> Image:
+    """Shadow maps, or numbers that go with them, with their name above and what they are below."""
+    table = quantity.axes in TABLES
+    unit = "" if quantity.unit == "1" else f"  [{quantity.unit}]"
+    picture = canvas(width, body.height + HEAD + FOOT)
+    write(picture, (0, 0), f"{name}{unit}", 20, INK, width)
+    picture.paste(body, (0, HEAD))
+    foot = HEAD + body.height + 4
+    if not table:
+        picture.paste(panels.legend(display, width), (0, foot))
+        foot += 23
+    size = " x ".join(str(n) for n in array.shape[2:])
+    faces = f" with {array.shape[1]} face{'s' * (array.shape[1] > 1)} of {size}" if array.ndim > 1 else ""
+    words = f"{array.shape[0]} light{'s' * (len(array) > 1)}{faces}"
+    write(picture, (0, foot), words, 16, FAINT, width)
     return picture
 
 

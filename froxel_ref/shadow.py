@@ -161,7 +161,7 @@ def map_shape(kind: str, maps: ShadowMaps) -> tuple[int, int, int]:
 
 def make_stack(kind: str, lights: Mapping[int, Light], casting: Sequence[Caster], camera: Camera, grid: Grid, *,
                maps: ShadowMaps | None = None, given: Mapping[str, Field] | None = None,
-               dtype: DTypeLike = np.float64, threads: int | None = None, restrict: bool = True) -> Stack:
+               dtype: DTypeLike = np.float64, threads: int | None = None) -> Stack:
     """Make the shadow maps of all lights of one kind.
 
     Parameters
@@ -181,8 +181,6 @@ def make_stack(kind: str, lights: Mapping[int, Light], casting: Sequence[Caster]
         Of the depths.
     threads : int, optional
         Default: one for each core. The result does not depend on it.
-    restrict : bool
-        See `froxel_ref.shadow_raster.raster_depth`.
 
     Returns
     -------
@@ -219,9 +217,9 @@ def make_stack(kind: str, lights: Mapping[int, Light], casting: Sequence[Caster]
         if light.shadow_map is not None:
             depth[k] = _checked((given or {})[light.shadow_map], shape, f"lights[{list(lights)[k]}].shadow_map")
         elif isinstance(light, PointLight) and octahedral:
-            tasks += _octahedral_tasks(light, casting, depth[k, 0], maps, restrict)
+            tasks += _octahedral_tasks(light, casting, depth[k, 0], maps)
         else:
-            tasks += [_task(casting, view, depth[k, face], restrict) for face, view in enumerate(views)]
+            tasks += [_task(casting, view, depth[k, face]) for face, view in enumerate(views)]
     blocks.run(lambda task: task(), tasks, threads=threads)
     if kind == "point" and maps.point_map == "octahedral":
         _glue(depth, maps.border)
@@ -249,15 +247,15 @@ def _relative(light: Light) -> Matrix:
     return np.concatenate([np.eye(3), -np.reshape(position, (3, 1))], axis=1)[np.newaxis]
 
 
-def _task(casting: Sequence[Caster], view: LightRaster, out: Field, restrict: bool) -> Callable[[], None]:
+def _task(casting: Sequence[Caster], view: LightRaster, out: Field) -> Callable[[], None]:
     def draw() -> None:
-        raster_depth(casting, view, dtype=out.dtype, restrict=restrict, out=out)
+        raster_depth(casting, view, dtype=out.dtype, out=out)
 
     return draw
 
 
-def _octahedral_tasks(light: PointLight, casting: Sequence[Caster], out: Field, maps: ShadowMaps,
-                      restrict: bool) -> list[Callable[[], None]]:
+def _octahedral_tasks(light: PointLight, casting: Sequence[Caster], out: Field, maps: ShadowMaps
+                      ) -> list[Callable[[], None]]:
     """The four quarters of a map without its gutter, as distances from the light."""
     border = maps.border
     inner = maps.point_size - 2 * border
@@ -266,7 +264,7 @@ def _octahedral_tasks(light: PointLight, casting: Sequence[Caster], out: Field, 
     def quarter(row: int, column: int, upper: LightRaster, lower: LightRaster) -> None:
         target = out[border + row * half:border + (row + 1) * half, border + column * half:border + (column + 1) * half]
         for view, chosen in ((upper, True), (lower, False)):
-            depth = raster_depth(casting, view, dtype=np.float64, restrict=restrict)
+            depth = raster_depth(casting, view)
             _, way = raster_rays(view)
             depth *= np.sqrt((way * way).sum(axis=0))
             np.copyto(target, depth.astype(out.dtype), where=(way[1] >= 0.0) == chosen)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
@@ -20,8 +19,8 @@ from froxel_ref.shadow_raster import casters
 from froxel_ref.shadow_views import cascade_views
 from froxel_ref.visibility import exact_visibility, occluders
 
-__all__ = ["NAMES", "empty_maps", "exact_sights", "map_keys", "map_lights", "map_sights",
-           "map_texels", "needs_maps", "shadow_maps"]
+__all__ = ["NAMES", "empty_maps", "exact_sights", "map_bytes", "map_keys", "map_lights", "map_sights",
+           "needs_maps", "shadow_maps"]
 
 NAMES = {kind: tuple(f"shadow/{kind}_{field}" for field in Stack._fields) for kind in KINDS}
 """The results' names, a tuple for each kind of light in the order of `froxel_ref.shadow.Stack`."""
@@ -79,8 +78,8 @@ def map_lights(scene: Scene, kind: str) -> dict[int, Light]:
     return {i: lights[i] for i in shadowed_lights(lights, scene.surfaces) if map_kind(lights[i]) == kind}
 
 
-def map_texels(scene: Scene, settings: Settings) -> int:
-    """How many texels the shadow maps of a scene have.
+def map_bytes(scene: Scene, settings: Settings) -> int:
+    """Memory that the shadow maps of a scene take.
 
     Parameters
     ----------
@@ -90,21 +89,27 @@ def map_texels(scene: Scene, settings: Settings) -> int:
     Returns
     -------
     int
-        0 where none are made.
+        Bytes of all results of the stage; 0 where no maps are made.
 
     Examples
     --------
-    >>> map_texels(Scene(), Settings())
+    >>> map_bytes(Scene(), Settings())
     0
     """
     if not needs_maps(scene, settings)[0]:
         return 0
-    maps = settings.shadow_maps
-    return sum(len(map_lights(scene, kind)) * math.prod(map_shape(kind, maps)) for kind in KINDS)
+    maps, item, total = settings.shadow_maps, np.dtype(settings.precision).itemsize, 0
+    for kind in KINDS:
+        faces, rows, columns = map_shape(kind, maps)
+        texels = rows * columns
+        if maps.technique == "exponential":
+            texels += texels // (maps.downsample * maps.downsample)
+        total += len(map_lights(scene, kind)) * (faces * (texels * item + 12 * 8) + 8)
+    return total
 
 
 def shadow_maps(scene: Scene, settings: Settings, assets: Assets, *, dtype: DTypeLike = np.float64,
-                threads: int | None = None, restrict: bool = True,
+                threads: int | None = None,
                 known: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Make the shadow maps of a scene.
 
@@ -118,7 +123,7 @@ def shadow_maps(scene: Scene, settings: Settings, assets: Assets, *, dtype: DTyp
         Height fields, meshes, and maps made elsewhere.
     dtype : data type
         Of the depths.
-    threads, restrict
+    threads : int, optional
         As for `froxel_ref.shadow.make_stack`.
     known : mapping of str to ndarray, optional
         Maps of kinds that have not changed since they were made, by result name; they are handed on.
@@ -148,7 +153,7 @@ def shadow_maps(scene: Scene, settings: Settings, assets: Assets, *, dtype: DTyp
         if lights and casting is None:
             casting = casters([surface for surface in scene.surfaces if surface.casts_shadows], assets)
         stack = make_stack(kind, lights, casting or (), scene.camera, settings.grid, maps=settings.shadow_maps,
-                           given=assets.shadow_maps, dtype=dtype, threads=threads, restrict=restrict
+                           given=assets.shadow_maps, dtype=dtype, threads=threads
                            ) if lights else _no_maps(kind, settings, dtype)
         results |= dict(zip(NAMES[kind], stack, strict=True))
     return results

@@ -286,7 +286,7 @@ def _run_media(job: Job, results: Results) -> dict[str, Field]:
 
 def _run_shadow(job: Job, results: Results) -> dict[str, Field]:
     return shadow_stage.shadow_maps(job.scene, job.settings, job.assets, dtype=job.dtype, threads=job.threads,
-                                    restrict=not job.full, known=results)
+                                    known=results)
 
 
 def _shadow_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:

@@ -17,17 +17,21 @@ from froxel_ref.geometry import camera_rays
 from froxel_ref.grid import make_froxels
 from froxel_ref.records import InputError
 from froxel_ref.scene import Camera, DirectionalLight, ExtraLights, LocalMedium, Medium, PointLight, Scene
-from froxel_ref.settings import Grid, Settings, replace
+from froxel_ref.settings import Grid, Settings, ShadowMaps, replace
 
 SMALL = Grid(width=12, height=8, depth=16)
 BUILT_IN = [name for name in scene_files.builtin() if name != "smoke"]  # smoke needs files: test_real_input
+
+
+MAPS = ShadowMaps(directional_size=32, spot_size=16, point_size=16)
 
 
 def small(name: str, **changes: object) -> tuple[Scene, Settings]:
     """A built-in scene at a size for tests."""
     loaded = scene_files.load(name)
     camera = dataclasses.replace(loaded.scene.camera, width=32, height=18)
-    how = replace(loaded.settings, grid=dataclasses.replace(SMALL, near=0.5, far=64.0), **changes)
+    how = replace(loaded.settings, grid=dataclasses.replace(SMALL, near=0.5, far=64.0), shadow_maps=MAPS,
+                  **changes)
     return dataclasses.replace(loaded.scene, camera=camera), how
 
 
@@ -210,7 +214,7 @@ def test_uniform_leaves_out_what_it_does_not_need() -> None:
     for name in ("local media", "height fog", "density textures", "shadows", "point and spot lights"):
         assert not parts[name].runs
         assert parts[name].why
-    assert [planned.name for planned in the_plan.left_out] == ["surface"]
+    assert [planned.name for planned in the_plan.left_out] == ["shadow", "surface"]
     frame = run_frame(scene, how)
     assert frame["media/extinction"].shape == (1, 1, 1)
     assert frame["lighting/in_scattering"].shape == (3, 1, 8, 12)
@@ -328,6 +332,8 @@ def test_estimate_is_the_sum_of_all_results_at_full_size() -> None:
     media, lobes, lighting, integrated = 3 + 3 + 1 + 3 + 1, 0, 3, 3 + 1
     by_hand = 8 * ((media + lobes + lighting + integrated) * volume + g.depth + (3 + 1) * face
                    + (1 + 3 + 3 + 3 + 3 + 1 + 3) * image)
+    # One sun with four cascades, nine lamps with six faces; a matrix of 12 numbers for each, an index a light.
+    by_hand += 8 * (4 * (32 * 32 + 12) + 1 + 9 * (6 * (16 * 16 + 12) + 1))
     assert estimate_bytes(scene, how) == by_hand
 
 

@@ -28,6 +28,7 @@ EXPECTED = {
     "light_power": ("A6", "solid_angle", "solid_angle", "author"),
     "ambient": ("A7", "scene", "scene", "constant"),
     "exposure": ("A12", "display", "display", "lighting"),
+    "beyond_cascades": ("A4", "lit", "lit", "dark"),
 }
 
 
