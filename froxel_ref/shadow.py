@@ -228,7 +228,7 @@ def make_stack(kind: str, lights: Mapping[int, Light], casting: Sequence[Caster]
         return Stack(numbers, depth, matrix, np.empty((0, *shape), depth.dtype))
     size = shape[1]
     spans = [_span(light, matrix[k], size, camera, grid) for k, light in enumerate(lights.values())]
-    low, high = (np.reshape([span[end] for span in spans], (len(lights), -1, 1, 1)) for end in (0, 1))
+    low, high = (np.reshape([span[end] for span in spans], (len(lights), shape[0], 1, 1)) for end in (0, 1))
     return Stack(numbers, depth, matrix, exponential_map(
         depth, low, high, exponent=maps.exponent, downsample=maps.downsample, blur=maps.blur))
 
@@ -330,7 +330,9 @@ def map_of(stack: Stack, k: int, kind: str, light: Light, camera: Camera, grid: 
     'cube'
     """
     name = maps.point_map if kind == "point" else kind
+    # Engines hold depths in float32 at best.
+    eps = 0.0 if light.shadow_map is None else float(np.finfo(np.float32).eps)
     if maps.technique != "exponential":
-        return ShadowMap(name, stack.depth[k], stack.matrix[k])
+        return ShadowMap(name, stack.depth[k], stack.matrix[k], eps=eps)
     low, high = _span(light, stack.matrix[k], stack.depth.shape[-1], camera, grid)
-    return ShadowMap(name, stack.depth[k], stack.matrix[k], stack.exponential[k], low, high)
+    return ShadowMap(name, stack.depth[k], stack.matrix[k], stack.exponential[k], low, high, eps)

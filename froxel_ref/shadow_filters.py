@@ -96,8 +96,8 @@ def _cell(place: Field, shift: float, count: int) -> tuple[Integers, Field]:
     """The first texel of a kernel, kept on the map, and the fraction by which its last one counts."""
     last = np.nextafter(np.asarray(count, place.dtype), np.asarray(0.0, place.dtype))
     moved = np.clip(place - np.asarray(shift, place.dtype), 0.0, last)
-    first = moved.astype(np.intp)
-    return first, moved - first
+    floor = np.floor(moved)
+    return floor.astype(np.intp), moved - floor
 
 
 def _factor(k: int, kernel: int, fraction: Field) -> Field | float:

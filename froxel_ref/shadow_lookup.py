@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -41,6 +42,8 @@ class ShadowMap(NamedTuple):
         The filtered map, if there is one.
     low, high : ndarray, shape (faces,) [m]
         The range of depths that it is made for.
+    eps : float
+        Relative rounding of the depths, if it is larger than that of their type: of maps made elsewhere.
     """
 
     kind: str
@@ -49,6 +52,7 @@ class ShadowMap(NamedTuple):
     exponential: Field | None = None
     low: Matrix | None = None
     high: Matrix | None = None
+    eps: float = 0.0
 
 
 class _Place(NamedTuple):
@@ -139,10 +143,10 @@ def _along(axis: Matrix, points: Points, shift: float = 0.0) -> Field:
     return np.asarray(x * a + y * b + z * c + shift)
 
 
-def _rounding(points: Points, origin: Matrix) -> Field:
+def _rounding(shadow_map: ShadowMap, points: Points, origin: Matrix) -> Field:
     """How far a surface's points stray from it, and from the map's rays, by rounding [m]."""
     x, y, z = points
-    eps = ROUNDINGS * float(np.finfo(np.result_type(*points)).eps)
+    eps = ROUNDINGS * max(float(np.finfo(np.result_type(*points)).eps), shadow_map.eps)
     return np.asarray((np.abs(x) + np.abs(y) + np.abs(z) + float(np.abs(origin).sum())) * eps)
 
 
@@ -184,7 +188,7 @@ def _cascade(shadow_map: ShadowMap, maps: ShadowMaps, points: Points, normal: Po
     if normal is not None:
         nx, ny, nz = (_along(axis, normal) for axis in axes)
         spread = kernel_reach(maps.kernel) * (np.abs(nx) + np.abs(ny)) / steps
-        lift = maps.normal_bias * spread + _rounding(points, np.zeros(3))
+        lift = maps.normal_bias * spread + _rounding(shadow_map, points, np.zeros(3))
         x, y, z = x + lift * nx, y + lift * ny, z + lift * nz
         if maps.slope_bias:
             slope = np.maximum(np.abs(nx), np.abs(ny)) / (steps * np.maximum(np.abs(nz), TINY))
@@ -198,9 +202,13 @@ def _cascade(shadow_map: ShadowMap, maps: ShadowMaps, points: Points, normal: Po
 def _spot(shadow_map: ShadowMap, maps: ShadowMaps, points: Points, normal: Points | None) -> _Place:
     axes, origin, scale = _frame(shadow_map.matrix[0], shadow_map.depth.shape[-1])
     away = _from(points, origin)
-    local = tuple(_along(axis, away) for axis in axes)
-    turned = None if normal is None else tuple(_along(axis, normal) for axis in axes)
-    return _on_plane(local, turned, scale, shadow_map, maps, points, origin, 0)
+    slope = None
+    if normal is not None:
+        turned, local = ([_along(axis, vector) for axis in axes] for vector in (normal, away))
+        lift = _plane_lift(maps, local, turned, scale) + _rounding(shadow_map, points, origin)
+        slope = _plane_slope(maps, local, turned, scale)
+        away = _moved(away, lift, normal)
+    return _on_plane([_along(axis, away) for axis in axes], scale, shadow_map, maps, slope, 0)
 
 
 def _frame(matrix: Matrix, size: int) -> tuple[Matrix, Matrix, float]:
@@ -217,22 +225,34 @@ def _from(points: Points, origin: Matrix) -> Points:
     return x, y, z
 
 
-def _on_plane(local: Any, normal: Any, scale: float, shadow_map: ShadowMap, maps: ShadowMaps, points: Points,
-              origin: Matrix, face: Integers | int) -> _Place:
-    """Where points, in axes right, down and along from the light, meet a face's plane."""
+def _moved(points: Points, lift: Field, normal: Points) -> Points:
+    x, y, z = (p + lift * n for p, n in zip(points, normal, strict=True))
+    return x, y, z
+
+
+def _plane_lift(maps: ShadowMaps, local: Sequence[Field], normal: Sequence[Field], scale: float) -> Field:
+    """How far to lift points whose vectors and normals are given along a face's right, down and axis."""
+    spread = kernel_reach(maps.kernel) / scale * (np.abs(normal[0]) + np.abs(normal[1]))
+    return _lift(maps, spread, np.abs(local[2]), normal[2])
+
+
+def _plane_slope(maps: ShadowMaps, local: Sequence[Field], normal: Sequence[Field], scale: float) -> Field | None:
+    """The change of a surface's depth per texel of a face."""
+    if not maps.slope_bias:
+        return None
+    towards = np.maximum(np.abs(sum(n * p for n, p in zip(normal, local, strict=True))), TINY)
+    steepest = np.maximum(np.abs(normal[0]), np.abs(normal[1]))
+    return np.asarray(local[2] * local[2] * steepest / (scale * towards))
+
+
+def _on_plane(local: Sequence[Field], scale: float, shadow_map: ShadowMap, maps: ShadowMaps, slope: Field | None,
+              face: Integers | int) -> _Place:
+    """Where points, along a face's right, down and axis from the light, meet its plane."""
     u, v, t = local
-    slope = None
-    if normal is not None:
-        nu, nv, nt = normal
-        spread = kernel_reach(maps.kernel) / scale * (np.abs(nu) + np.abs(nv))
-        lift = _lift(maps, spread, np.abs(t), nt) + _rounding(points, origin)
-        if maps.slope_bias:
-            towards = np.maximum(np.abs(nu * u + nv * v + nt * t), TINY)
-            slope = t * t * np.maximum(np.abs(nu), np.abs(nv)) / (scale * towards)
-        u, v, t = u + lift * nu, v + lift * nv, t + lift * nt
     half = 0.5 * shadow_map.depth.shape[-1]
     over = scale / np.maximum(t, TINY)
-    return _Place(face, u * over + half, v * over + half, _biased(t, maps, slope))
+    with np.errstate(over="ignore"):  # points beside or behind the light are looked up at the border
+        return _Place(face, u * over + half, v * over + half, _biased(t, maps, slope))
 
 
 def cube_faces(x: Field, y: Field, z: Field) -> tuple[Integers, Any]:
@@ -276,9 +296,17 @@ def cube_faces(x: Field, y: Field, z: Field) -> tuple[Integers, Any]:
 def _cube(shadow_map: ShadowMap, maps: ShadowMaps, points: Points, normal: Points | None) -> _Place:
     _, origin, scale = _frame(shadow_map.matrix[0], shadow_map.depth.shape[-1])
     away = _from(points, origin)
+    slope = None
+    if normal is not None:
+        # A lifted point may look at another face, whose texels ask for another lift: the larger one serves both.
+        _, turn = cube_faces(*away)
+        lift = _plane_lift(maps, turn(*away), turn(*normal), scale)
+        _, other = cube_faces(*_moved(away, lift, normal))
+        lift = np.maximum(lift, _plane_lift(maps, other(*away), other(*normal), scale))
+        slope = _plane_slope(maps, turn(*away), turn(*normal), scale)
+        away = _moved(away, lift + _rounding(shadow_map, points, origin), normal)
     face, turn = cube_faces(*away)
-    turned = None if normal is None else turn(*normal)
-    return _on_plane(turn(*away), turned, scale, shadow_map, maps, points, origin, face)
+    return _on_plane(turn(*away), scale, shadow_map, maps, slope, face)
 
 
 def octahedral_square(x: Field, y: Field, z: Field) -> tuple[Field, Field]:
@@ -328,10 +356,10 @@ def _octahedron(shadow_map: ShadowMap, maps: ShadowMaps, points: Points, normal:
         step = 2.0 / inner * (np.abs(x) + np.abs(y) + np.abs(z)) / distance
         turn = kernel_reach(maps.kernel) * 6.0 ** 0.5 * step * (1.0 + 8.0 * kernel_reach(maps.kernel) / inner)
         lift = _lift(maps, turn * (sine + 0.5 * turn), distance, np.ones((), distance.dtype))
-        lift = lift + _rounding(points, origin)
+        lift = lift + _rounding(shadow_map, points, origin)
         if maps.slope_bias:
             slope = distance * step * sine / np.maximum(np.abs(cosine), TINY)
-        x, y, z = x + lift * nx, y + lift * ny, z + lift * nz
+        x, y, z = _moved((x, y, z), lift, normal)
     u, v = octahedral_square(x, y, z)
     half = np.asarray(0.5 * inner, u.dtype)
     middle = np.asarray(0.5 * size, u.dtype)

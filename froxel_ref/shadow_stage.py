@@ -230,7 +230,8 @@ def map_keys(scene: Scene, settings: Settings, assets: Assets) -> dict[tuple[str
         lights = map_lights(scene, kind)
         cascades = tuple(_numbers(view) for light in lights.values() if isinstance(light, DirectionalLight)
                          for view in cascade_views(light, scene.camera, settings.grid, settings.shadow_maps))
-        keys[NAMES[kind]] = (tuple((i, _place(light, assets)) for i, light in lights.items()), surfaces, cascades,
+        keys[NAMES[kind]] = (tuple((i, _place(light, assets)) for i, light in lights.items()),
+                             surfaces if lights else (), cascades,
                              settings.shadow_maps, settings.precision,
                              settings.grid.far if kind != "directional" else None)
     return keys

@@ -140,7 +140,8 @@ def test_the_gutter_holds_the_true_neighbours():
 
     step = 2.5 * 2 / size  # radians that neighbouring texels' centres are apart at most, with room
     for k in range(-gutter, size + gutter):
-        for row, column, inner in ((-1, k, (0, k)), (size, k, (size - 1, k)), (k, -1, (k, 0)), (k, size, (k, size - 1))):
+        for row, column, inner in ((-1, k, (0, k)), (size, k, (size - 1, k)), (k, -1, (k, 0)),
+                                   (k, size, (k, size - 1))):
             angle = math.acos(min(1.0, at(row, column) @ at(*inner)))
             assert angle < step
     # Across an edge the same texel stands turned about the edge's middle.
