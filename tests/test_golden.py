@@ -31,14 +31,15 @@ from froxel_ref.scene import (
     VolumeDensity,
 )
 from froxel_ref.scene_files import Loaded, document
-from froxel_ref.settings import Grid, Settings, Switches, replace
+from froxel_ref.settings import Grid, Settings, ShadowMaps, Switches, replace
 from froxel_ref.stages import QUANTITIES
 
 SCENE = Scene(
     name="small", camera=Camera(position=(0.0, 1.0, 0.0), target=(0.1, 1.0, -1.0), width=12, height=10),
     global_media=(Medium(extinction=0.1, albedo=(0.9, 0.5, 0.2), phase_anisotropy=0.4),),
     lights=(DirectionalLight(direction=(1.0, 1.0, 1.0), irradiance=(3.0, 2.0, 1.0)),), surfaces=(Plane(),))
-SETTINGS = Settings(grid=Grid(width=6, height=5, depth=4))
+MAPS = ShadowMaps(directional_size=16, spot_size=16, point_size=16)
+SETTINGS = Settings(grid=Grid(width=6, height=5, depth=4), shadow_maps=MAPS)
 
 
 def loaded(scene: Scene = SCENE, settings: Settings = SETTINGS, folder: Path | None = None) -> Loaded:
@@ -74,7 +75,7 @@ def bytes_in(folder: Path) -> dict[str, bytes]:
 # --- what is written --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", [name for name in QUANTITIES if "lobe" not in name])
+@pytest.mark.parametrize("name", [name for name in QUANTITIES if "lobe" not in name and "shadow" not in name])
 def test_arrays_are_in_gpu_order(name: str, small: Frame, written: GoldenSet) -> None:
     entry = next(e for e in written.manifest["arrays"] if e["name"] == name)
     stored = np.load(written.folder / entry["file"], allow_pickle=False)
@@ -97,12 +98,32 @@ def test_arrays_are_in_gpu_order(name: str, small: Frame, written: GoldenSet) ->
         assert stored[index] == computed[source]
 
 
+def test_shadow_maps_are_written_as_they_are(small: Frame, written: GoldenSet) -> None:
+    """One sun with four cascades; kinds of lights that the scene has not have no arrays."""
+    entries = {e["name"]: e for e in written.manifest["arrays"] if e["name"].startswith("shadow/")}
+    assert sorted(entries) == ["shadow/directional_depth", "shadow/directional_light", "shadow/directional_matrix"]
+    depth = entries["shadow/directional_depth"]
+    assert (depth["shape"], depth["axes"]) == ([1, 4, 16, 16], ["light", "face", "row", "column"])
+    for name, entry in entries.items():
+        stored = np.load(written.folder / entry["file"], allow_pickle=False)
+        assert np.array_equal(stored, small[name])
+        assert stored.dtype == small[name].dtype
+
+
 def test_varies_names_the_axes_that_the_field_carries(written: GoldenSet) -> None:
     varies = {entry["name"]: entry["varies"] for entry in written.manifest["arrays"]}
     assert varies["media/extinction"] == []
-    assert varies["lighting/in_scattering"] == ["y", "x"]
+    assert varies["lighting/in_scattering"] == ["z", "y", "x"]  # the plane hides the sun from what is below it
     assert varies["integrate/transmittance"] == ["z", "y", "x"]
     assert varies["grid/slice_depth"] == ["z"]
+
+
+@pytest.mark.usefixtures("quick")
+def test_without_shadows_the_sun_varies_along_no_depth(tmp_path: Path) -> None:
+    given = loaded(settings=replace(SETTINGS, shadows="off"))
+    done = write_golden(frame(given), given, tmp_path / "set")
+    varies = {entry["name"]: entry["varies"] for entry in done.manifest["arrays"]}
+    assert varies["lighting/in_scattering"] == ["y", "x"]
 
 
 def test_the_checksum_is_of_the_whole_file(written: GoldenSet) -> None:
@@ -180,7 +201,10 @@ def test_two_runs_give_identical_bytes(written: GoldenSet, tmp_path: Path) -> No
 def test_float32_stays_float32(tmp_path: Path) -> None:
     given = loaded(settings=replace(SETTINGS, precision="float32"))
     done = write_golden(frame(given), given, tmp_path / "set")
-    assert {entry["dtype"] for entry in done.manifest["arrays"]} == {"<f4"}
+    kept = {entry["name"]: entry["dtype"] for entry in done.manifest["arrays"]}
+    # Matrices keep their digits, and indices are no floats.
+    assert (kept.pop("shadow/directional_matrix"), kept.pop("shadow/directional_light")) == ("<f8", "<i8")
+    assert set(kept.values()) == {"<f4"}
     assert np.load(tmp_path / "set/integrate/radiance.npy").dtype == np.float32
 
 
@@ -245,9 +269,10 @@ def test_the_estimate_covers_pictures_of_noise(tmp_path: Path) -> None:
     """Nothing compresses worse."""
     random = np.random.default_rng(5)
     given = loaded(dataclasses.replace(SCENE, camera=Camera(width=160, height=120)),
-                   Settings(grid=Grid(width=32, height=24, depth=16)))
+                   Settings(grid=Grid(width=32, height=24, depth=16), shadow_maps=MAPS))
     noisy = frame(given)
-    results = {name: random.random(gpu_shape(name, noisy)) for name in noisy.results if "lobe" not in name}
+    results = {name: random.random(gpu_shape(name, noisy)) for name in noisy.results
+               if "lobe" not in name and noisy[name].size}
     noisy = dataclasses.replace(noisy, results=results)
     assert write_golden(noisy, given, tmp_path / "set").size <= golden_bytes(noisy)
 
@@ -257,7 +282,7 @@ def gpu_shape(name: str, whole: Frame) -> tuple[int, ...]:
     quantity, grid, camera = QUANTITIES[name], whole.settings.grid, whole.scene.camera
     on_grid = quantity.on_grid or "z" in quantity.axes
     sizes = {"c": 3, "z": grid.depth, "y": grid.height if on_grid else camera.height,
-             "x": grid.width if on_grid else camera.width}
+             "x": grid.width if on_grid else camera.width, "m": 1, "f": 4, "v": 16, "u": 16, "i": 3, "j": 4}
     return tuple(sizes[axis] for axis in quantity.axes)
 
 
@@ -506,6 +531,6 @@ def test_a_disk_that_is_too_small_is_refused_before_anything_is_written(
         small: Frame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     usage = shutil._ntuple_diskusage(10**9, 10**9 - 10**6, 10**6 + 10**5)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
-    with pytest.raises(InputError, match=r"^output: '.*/set' needs about [34] MB, its disk has 1 MB free$"):
+    with pytest.raises(InputError, match=r"^output: '.*/set' needs about 5 MB, its disk has 1 MB free$"):
         write_golden(small, loaded(), tmp_path / "set")
     assert not os.listdir(tmp_path)

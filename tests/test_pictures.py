@@ -208,8 +208,8 @@ def test_images_fit_their_box_without_stretching(size: tuple[int, int], box: tup
 def sizes(quantity: Quantity, full: bool) -> tuple[int, ...]:
     on_grid = quantity.on_grid or "z" in quantity.axes
     whole = {"c": 3, "l": 2, "z": GRID.depth, "y": GRID.height if on_grid else CAMERA.height,
-             "x": GRID.width if on_grid else CAMERA.width}
-    return tuple(whole[axis] if full or axis in "cl" else 1 for axis in quantity.axes)
+             "x": GRID.width if on_grid else CAMERA.width, "m": 2, "f": 3, "v": 16, "u": 16, "i": 3, "j": 4}
+    return tuple(whole[axis] if full or axis in "clmfvuij" else 1 for axis in quantity.axes)
 
 
 @pytest.mark.parametrize("filling", ["constant", "full", "infinite", "not a number", "negative", "zero"])
