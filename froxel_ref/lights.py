@@ -14,18 +14,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from froxel_ref.arrays import Field, Points
+from froxel_ref.arrays import Field, Points, Sight
 from froxel_ref.records import InputError
 from froxel_ref.scene import DirectionalLight, Light, PointLight, Rgb, Scene, SpotLight
 from froxel_ref.settings import SWITCHES
 
 __all__ = [
     "ATTENUATIONS", "Cone", "colour", "cone_attenuation", "distance_attenuation", "light_at",
-    "point_intensity", "smallest_d2", "spot_cone", "spot_intensity", "unit",
+    "point_intensity", "seen", "smallest_d2", "spot_cone", "spot_intensity", "unit",
     "with_intensities", "with_intensity",
 ]
 
 ATTENUATIONS = tuple(dict.fromkeys(SWITCHES["attenuation"]))
+
+# Share of points that a light reaches, below which it is worth to gather them before their sight is asked.
+SPARSE = 0.7
 
 Cone = tuple[float, float]
 """Scale and offset of a spot light's cone: the factor is sat(cos·scale + offset)²."""
@@ -320,6 +323,41 @@ def light_at(light: Light, points: Points, *, attenuation: str = "min_distance")
         ax, ay, az = unit(light.direction)
         factor = factor * cone_attenuation(-(L[0] * ax + L[1] * ay + L[2] * az), light)
     return L, factor
+
+
+def seen(factor: Field, sight: Sight, points: Points, normal: Points | None = None) -> Field:
+    """What is left of a light's factor behind what hides it.
+
+    Parameters
+    ----------
+    factor : ndarray, shape (…)
+        At least 0, as from `light_at`.
+    sight : callable
+        See `froxel_ref.arrays.Sight`.
+    points, normal : Points
+        What the sight is asked about, broadcastable to ``factor``.
+
+    Returns
+    -------
+    ndarray, shape (…)
+        factor·sight; where the light does not shine anyway the sight is not asked.
+
+    Examples
+    --------
+    >>> x = np.arange(4.0)
+    >>> seen(np.array([0.0, 0.0, 0.0, 2.0]), lambda points, normal: 0.1 * points[0], (x, x, x)).round(3).tolist()
+    [0.0, 0.0, 0.0, 0.6]
+    """
+    lit = factor > 0.0
+    count = int(np.count_nonzero(lit))
+    if count > SPARSE * lit.size:
+        return np.asarray(factor * sight(points, normal))
+    result = factor.copy()
+    if count:
+        x, y, z = (np.broadcast_to(p, lit.shape)[lit] for p in points)
+        turned = None if normal is None else tuple(np.broadcast_to(n, lit.shape)[lit] for n in normal)
+        result[lit] *= sight((x, y, z), turned)  # type: ignore[arg-type]
+    return result
 
 
 def point_intensity(power: Rgb) -> Rgb:
