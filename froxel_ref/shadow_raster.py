@@ -161,7 +161,8 @@ def raster_depth(casting: Sequence[Caster], raster: LightRaster, *, dtype: DType
     As `froxel_ref.visibility.exact_visibility`: planes, height fields and meshes are sheets with two sides;
     boxes and spheres are solid, so a light within one sees t = 0 everywhere. A light in a plane, or a ray
     along it, does not meet it; one on the wall of a box or a sphere lights what lies outside. Wherever a
-    difference of coordinates is within 4 roundings of its terms, it counts as 0.
+    difference of coordinates is within 4 roundings of its terms, or the sine between a ray and a face within
+    4 roundings of 1, it counts as 0.
 
     Errors: some ulp of t for planes and boxes away from grazing rays, see the primitives for spheres and
     `froxel_ref.triangle_raster.raster_triangles` for the rest. Along parallel rays, of the greater of t and
@@ -291,7 +292,7 @@ def _enter_plane(image: Matrix, texels: _Texels, plane: Plane, raster: LightRast
     else:
         assert raster.direction is not None
         slope = float(normal @ raster.direction)
-        terms = float(np.abs(normal) @ np.abs(raster.direction))
+        terms = math.sqrt(float((normal @ normal) * (raster.direction @ raster.direction)))
         function[0] = normal @ (raster.base - point)
     if abs(slope) <= SLACK * terms:
         return
@@ -339,7 +340,8 @@ def _faces(box: Box, inverse: Matrix, raster: LightRaster) -> tuple[list[Any], l
         slack = SLACK * (1.0 + np.abs(inverse) @ (np.abs(raster.origin) + np.abs(center)))
     else:
         assert raster.direction is not None
-        number, slack = inverse @ raster.direction, SLACK * (np.abs(inverse) @ np.abs(raster.direction))
+        number = inverse @ raster.direction
+        slack = SLACK * np.sqrt((inverse * inverse).sum(axis=1) * (raster.direction @ raster.direction))
         function[:, 0] = inverse @ (raster.base - center)
     for k, s in itertools.product(range(3), (-1.0, 1.0)):
         if raster.origin is not None:
