@@ -16,6 +16,7 @@ from test_triangles import ball
 
 from froxel_ref.assets import read_mesh
 from froxel_ref.geometry import Rays
+from froxel_ref.light_raster import Projected
 from froxel_ref.scene import (
     Box,
     DirectionalLight,
@@ -28,6 +29,7 @@ from froxel_ref.scene import (
     Transform,
 )
 from froxel_ref.shadow_raster import LightRaster, casters, raster_depth, raster_rays
+from froxel_ref.triangle_raster import raster_triangles
 from froxel_ref.triangles import hit_mesh, mesh_caster
 from froxel_ref.visibility import exact_visibility, occluders
 
@@ -293,6 +295,17 @@ def test_a_lamp_on_a_box_lights_what_is_outside(origin):
         np.testing.assert_array_equal(depth, np.where(inward, 0.0, INF))
 
 
+@pytest.mark.parametrize("gap", [1e-6, 1e-9, 1e-12])
+def test_a_lamp_a_hair_off_a_wall_is_not_on_it(gap):
+    """Inside all is dark; outside the wall is as near as it is."""
+    for solid in (Box(), Sphere()):
+        ready = casters([solid], None)
+        for raster in cube((1.0 - gap, 0.0, 0.0), 3):
+            assert raster_depth(ready, raster).max() == 0.0
+        towards = raster_depth(ready, cube((1.0 + gap, 0.0, 0.0), 3)[0])
+        assert towards[1, 1] == pytest.approx(gap, rel=1e-3)
+
+
 def test_a_lamp_on_a_turned_box_or_a_sphere_lights_what_is_outside():
     """Where rounding decides whether the lamp is inside: never all dark, half the rays free."""
     rng = np.random.default_rng(3)
@@ -389,8 +402,9 @@ def test_a_depth_beyond_float32_is_infinite():
 
 def test_out_is_filled_wherever_it_lies():
     """Also a part of a larger image, and rows the other way round; what lies beside it stays."""
-    ready = [*casters([Sphere(radius=1.5), Plane()], None), *body(*TRIANGLE)]
+    ready = [*casters([Sphere(radius=0.5)], None), *body(*TRIANGLE)]
     expected = raster_depth(ready, NOON)
+    assert np.unique(expected).size == 2  # both are seen
     atlas = np.full((6, 8), 7.0)
     assert raster_depth(ready, NOON, out=atlas[1:3, 2:5]).base is atlas
     np.testing.assert_array_equal(atlas[1:3, 2:5], expected)
@@ -526,6 +540,46 @@ def test_triangles_that_vanish_are_not_hit():
             assert np.isinf(raster_depth(body(corners, np.array([[0, 1, 2]])), raster)).all()
     upright = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     assert np.isinf(raster_depth(body(upright, np.array([[0, 1, 2]])), sun(-Z, (0, 0, 9), X / 4, Y / 4, 9, 9))).all()
+
+
+def test_a_ray_in_the_plane_of_a_triangle_does_not_meet_it_beside_it():
+    """Edge on, the products are rounding: it is passed by all the same, with and without its rectangle."""
+    rng = np.random.default_rng(10)
+    triangle = np.array([[1.0, 1.0], [2.0, 1.5], [1.5, 2.5]])
+    for _ in range(500):
+        a, b, _ = turned(rng)
+        corners = triangle[:, :1] * a + triangle[:, 1:] * b
+        raster = aimed(-rng.random() * a, 3.0 * a + 0.1 * rng.normal() * b, parallel=False, rng=rng)
+        for corner, restrict in itertools.product((corners, corners - 1.5 * a), (True, False)):
+            assert np.isinf(raster_depth(body(corner, np.array([[0, 1, 2]])), raster, restrict=restrict)).all()
+
+
+@kinds
+def test_a_triangle_across_the_rays_has_the_depth_of_its_corners(parallel):
+    """To the last bit, although the shares of the corners are rounded."""
+    rng = np.random.default_rng(11)
+    for depth in (0.1, 0.7, 1.3):
+        shape = np.concatenate([rng.uniform(-1, 1, (3, 2)), np.full((3, 1), -depth)], axis=1)
+        raster = (sun(-Z, (0, 0, 0), X / 40, Y / 40, 80, 80) if parallel else
+                  lamp((0, 0, 0), -Z, X / 20, Y / 20, 80, 80))
+        found = raster_depth(body(shape, np.array([[0, 1, 2]])), raster)
+        assert np.isfinite(found).sum() > 20
+        assert set(found[np.isfinite(found)].tolist()) == {depth}
+
+
+@given(seeds)
+def test_corners_within_rounding_of_a_texels_centre(seed):
+    """The rectangle is exact: corners on centres, or an ulp beside them, at any depth."""
+    rng = np.random.default_rng(seed)
+    weight = rng.uniform(0.1, 10.0, (3, 40))
+    x, y = ((rng.integers(0, 12, (3, 40)) + 0.5) * weight for _ in range(2))
+    x, y = (np.nextafter(v, v + rng.integers(-1, 2, v.shape)) for v in (x, y))
+    vertices = Projected(*(v.reshape(-1) for v in (weight, weight, x, y, weight)), (1e-15, 1e-15, 1e-15))
+    for face in np.arange(120).reshape(3, 40).T:
+        image, whole = np.full((2, 12, 12), INF)
+        raster_triangles(image, vertices, face[np.newaxis], forward=True)
+        raster_triangles(whole, vertices, face[np.newaxis], forward=True, restrict=False)
+        assert image.tobytes() == whole.tobytes()
 
 
 def test_triangles_around_and_behind_the_lamp():
