@@ -6,6 +6,7 @@ What all rays share is the `Physics`; what is worked out for a block of rays is 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeAlias
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from froxel_ref.breaks import Lamp, from_angle, medium_cuts, relate, thickness_cuts, to_angle
+from froxel_ref.compensated import dot, double_double
 from froxel_ref.density import Placed, place
 from froxel_ref.lights import colour
 from froxel_ref.media import Textures, contributing
@@ -70,6 +72,20 @@ class Physics(NamedTuple):
         """The media's records."""
         return tuple(placed.medium for placed in self.media)
 
+    @property
+    def anchored(self) -> bool:
+        """Whether anything but lamps has a place in the world, whose rounding shows along rays."""
+        return bool(self.occluders) or any(
+            isinstance(m, LocalMedium) or m.height_fog is not None or m.density is not None for m in self.every_medium)
+
+
+class Turn(NamedTuple):
+    """By how much a sun's light turns into rays, each of shape (n,): cos θ, 1 − cos θ and 1 + cos θ."""
+
+    cosine: Array
+    versine: Array
+    mirrored: Array
+
 
 class Bundle(NamedTuple):
     """Rays laid through the scene.
@@ -85,6 +101,8 @@ class Bundle(NamedTuple):
         Where media and their thickness break.
     lamps : mapping of int to Lamp
         The lamps as the rays see them, by the light's number.
+    suns : mapping of int to Turn
+        The other lights, likewise.
     dark : mapping of int to ndarray, shape (n, M, 2) [m]
         Where surfaces hide a light; empty for shadows "off".
     shaded : mapping of int to ndarray, shape (n, M) [m]
@@ -96,6 +114,7 @@ class Bundle(NamedTuple):
     paths: tuple[MediumPath, ...]
     cuts: Array
     lamps: Mapping[int, Lamp]
+    suns: Mapping[int, Turn]
     dark: Mapping[int, Array]
     shaded: Mapping[int, Array]
 
@@ -129,12 +148,23 @@ def make_bundle(physics: Physics, lines: Lines) -> Bundle:
             *_membership_cuts(physics, lines)]
     lamps = {i: relate(light, lines, attenuation=settings.attenuation)
              for i, light in enumerate(physics.lights) if not isinstance(light, DirectionalLight)}
+    suns = {i: _turn(light, lines) for i, light in enumerate(physics.lights)
+            if isinstance(light, DirectionalLight)}
     dark = {i: dark_spans(physics.occluders, lines, light) for i, light in enumerate(physics.lights)
             } if physics.occluders else {}
     shaded = {i: shadow_cuts(physics.media, physics.extinction, light, lines, lamp=lamps.get(i),
                              sun_distance=physics.sun_distance, time=settings.time)
               for i, light in enumerate(physics.lights) if colour(light).any()} if physics.volumetric else {}
-    return Bundle(physics, lines, paths, np.concatenate(cuts, axis=1), lamps, dark, shaded)
+    return Bundle(physics, lines, paths, np.concatenate(cuts, axis=1), lamps, suns, dark, shaded)
+
+
+def _turn(light: DirectionalLight, lines: Lines) -> Turn:
+    """In twice the digits: near the sun, and opposite to it, the rounding of unit vectors would show."""
+    exponent = math.frexp(max(map(abs, light.direction)))[1]
+    towards = [double_double(math.ldexp(component, -exponent)) for component in light.direction]
+    along, one = [double_double(component) for component in lines.direction], double_double(1.0)
+    cosine = dot(along, towards) / (dot(along, along) * dot(towards, towards)).sqrt()
+    return Turn(cosine.high, np.maximum((one - cosine).high, 0.0), np.maximum((one + cosine).high, 0.0))
 
 
 def _membership_cuts(physics: Physics, lines: Lines) -> list[Array]:

@@ -14,7 +14,7 @@ from froxel_ref.buffers import VBuffer
 from froxel_ref.bundles import Bundle, Physics, through
 from froxel_ref.light_paths import light_transmittance
 from froxel_ref.lighting import CONSTANT_AMBIENT
-from froxel_ref.lights import colour, cone_attenuation, distance_attenuation, unit
+from froxel_ref.lights import colour, cone_attenuation, distance_attenuation
 from froxel_ref.media import media_at
 from froxel_ref.optical_depth import line_points
 from froxel_ref.phase import phase
@@ -113,7 +113,8 @@ def radiance(bundle: Bundle, at: Samples, media: VBuffer | None = None) -> Array
     if light is None:
         arriving = _glow(physics, media)
     elif isinstance(light, DirectionalLight):
-        arriving = _sun(bundle, light, media, at.rows)
+        turn = (part[at.rows][:, np.newaxis] for part in bundle.suns[at.source - 1])
+        arriving = _scattered(physics, media, light, *turn)
     else:
         arriving = _lamp(bundle, bundle.lamps[at.source - 1], media, at)
     return np.asarray(arriving * at.stretch * at.passing)
@@ -139,15 +140,6 @@ def _scattered(physics: Physics, media: VBuffer, light: Light, cosine: Array, ve
         total = total + scattering * phase(settings.phase_function, cosine, g, versine=versine,
                                            mirrored_versine=mirrored, second_lobe=settings.second_lobe)
     return np.asarray(total * colour(light).reshape(3, 1, 1))
-
-
-def _sun(bundle: Bundle, light: DirectionalLight, media: VBuffer, rows: Integers) -> Array:
-    towards = np.asarray(unit(light.direction))[:, np.newaxis]
-    along = bundle.lines.direction[:, rows]
-    # Sums and differences of the unit vectors have the digits that 1 ± cosine has lost.
-    versine, mirrored = (0.5 * (v * v).sum(axis=0)[:, np.newaxis] for v in (towards - along, towards + along))
-    cosine = (towards * along).sum(axis=0)[:, np.newaxis]
-    return _scattered(bundle.physics, media, light, cosine, versine, mirrored)
 
 
 def _lamp(bundle: Bundle, lamp: Lamp, media: VBuffer, at: Samples) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from froxel_ref.breaks import FAR, Lamp, lamp_cuts, pieces, to_angle
-from froxel_ref.bundles import Bundle, Physics
+from froxel_ref.bundles import Bundle, Physics, parameter
 from froxel_ref.integrand import radiance, samples
 from froxel_ref.lights import colour, cone_attenuation
 from froxel_ref.quadrature import NODES, Estimate, Pool, kronrod
@@ -178,8 +178,13 @@ def _evaluate(bundle: Bundle, source: int, part: Pool) -> Estimate:
 
 
 def _rounding(bundle: Bundle, source: int, part: Pool, half: Array) -> Array:
-    """What the rounding of the limits, and of a lamp's place, makes of the result, as a share of it."""
+    """What the rounding of the limits, and of places, makes of the result, as a share of it."""
     rounding: Array = EPS * (np.abs(part.low) + np.abs(part.high)) / half
+    if bundle.physics.anchored:
+        # Edges are found from the ray's origin, and are off by as much as that is.
+        low, high = parameter(bundle, part, part.low), parameter(bundle, part, part.high)
+        with np.errstate(divide="ignore"):
+            rounding = rounding + EPS * np.abs(bundle.lines.origin[:, part.owner]).max(axis=0) / (high - low)
     if source - 1 in bundle.lamps:
         rounding = rounding + bundle.lamps[source - 1].rounding[part.owner]
     return rounding

@@ -40,8 +40,8 @@ def hold(truth: Truth, want: float, rtol: float) -> None:
 def texture(texels, **options):
     """A density texture and the assets that hold it."""
     source = VolumeDensity(path="made here.npy")
-    return DensityTexture(source=source, **options), Assets(textures={source: texels}, heights={}, meshes={}, depth=None,
-                                                         radiance=None)
+    assets = Assets(textures={source: texels}, heights={}, meshes={}, depth=None, radiance=None)
+    return DensityTexture(source=source, **options), assets
 
 
 def fog_between(a, b, extinction=0.01):
@@ -252,7 +252,7 @@ def test_narrow_lobes_keep_their_digits_on_both_sides(g, sign, second):
         if second:
             phase = (phase + lobe(cosine, mpmath.mpf(0.3))) / 2
         want = float(phase * (1 - mpmath.exp(-mpmath.mpf(0.1) * 10)))
-    assert truth.radiance[0, 0] == pytest.approx(want, rel=1e-12)
+    hold(truth, want, 1e-14)
 
 
 def test_a_lamp_behind_keeps_the_digits_of_a_backward_lobe():
@@ -283,3 +283,23 @@ def test_the_edge_of_a_planets_shadow(radius, tilt):
                   ray[:, None], 100.0, shadows="exact", rtol=1e-10)
     edge = 25 * tilt / float(ray[1])
     hold(truth, fog_between(edge, 100, 0.1), 1e-10)
+
+
+@pytest.mark.parametrize("shape", ["box", "ellipsoid"])
+@pytest.mark.parametrize("far", [1e6, 1e9, 9e9])
+def test_a_scene_far_from_the_origin_says_what_that_costs(far, shape):
+    """Places are rounded to 1e-16 of themselves: the scene that was moved differs, by no more than ten claims."""
+    shift = far * np.array([0.9, 0.7, -0.8])
+    origin, ray = np.array([-2.0, -1.5, 2.1]), np.array([[0.6], [0.48], [-0.64]])
+
+    def moved(by, lamp):
+        place = np.array([3.0, 1.0, 1.0]) + by
+        light = PointLight(position=tuple(place), intensity=WHITE) if lamp else NOON
+        cloud = LocalMedium(shape=shape, extinction=0.5, transform=Transform(translate=tuple(by), rotate=(10, 20, 30)))
+        return Scene(local_media=(cloud,), lights=(light,))
+
+    for lamp in (False, True):
+        for volumetric in (False, True):
+            near = trace(moved(np.zeros(3), lamp), origin[:, None], ray, 8.0, rtol=1e-11, volumetric_shadows=volumetric)
+            there = trace(moved(shift, lamp), (origin + shift)[:, None], ray, 8.0, volumetric_shadows=volumetric)
+            hold(there, near.radiance[0, 0], 1e-4)
