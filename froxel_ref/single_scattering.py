@@ -183,8 +183,8 @@ def _rounding(bundle: Bundle, source: int, part: Pool, half: Array) -> Array:
     if bundle.physics.anchored:
         # Edges are found from the ray's origin, and are off by as much as that is.
         low, high = parameter(bundle, part, part.low), parameter(bundle, part, part.high)
-        with np.errstate(divide="ignore"):
-            rounding = rounding + EPS * np.abs(bundle.lines.origin[:, part.owner]).max(axis=0) / (high - low)
+        size = np.abs(bundle.lines.origin[:, part.owner]).max(axis=0)
+        rounding = rounding + np.minimum(EPS * size / np.maximum(high - low, TINY), 1.0)
     if source - 1 in bundle.lamps:
         rounding = rounding + bundle.lamps[source - 1].rounding[part.owner]
     return rounding

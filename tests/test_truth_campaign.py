@@ -51,8 +51,8 @@ class Dice:
 
     def texture(self):
         source = VolumeDensity(path=f"{len(self.textures)}.npy")
-        n = int(self.r.choice([4, 8, 32]))
-        sparse = (self.r.random((n, n, n)) < 10 ** self.r.uniform(-3, -1)).astype(float)
+        n = int(self.r.choice([4, 16, 32, 48]))
+        sparse = (self.r.random((n, n, n)) < 10 ** self.r.uniform(-3.5, -1.5)).astype(float)
         self.textures[source] = sparse if n > 4 else self.r.random((4, 3, 5)) ** 2
         return DensityTexture(source=source, bias=self.vec(-1, 1))
 
@@ -94,8 +94,8 @@ class Dice:
 
 
 @pytest.mark.parametrize(("seeds", "textured", "volumetric"), [
-    (range(40), False, True), (range(100, 120), False, False), (range(200, 212), True, False),
-    (range(300, 306), True, True),
+    (range(60), False, True), (range(100, 120), False, False), (range(200, 240), True, False),
+    (range(300, 310), True, True),
 ], ids=["shadows of media", "plain media", "textures", "shadows of textures"])
 def test_whole_rays_agree_with_their_stretches(seeds, textured, volumetric):
     for seed in seeds:
@@ -106,7 +106,7 @@ def test_whole_rays_agree_with_their_stretches(seeds, textured, volumetric):
         options = {"settings": Settings(switches=Switches(phase_mixing=mixing)), "assets": assets,
                    "shadows": "exact" if dice.chance(0.5) else "off", "volumetric_shadows": volumetric,
                    "sun_distance": 10 ** dice.r.uniform(0, 1.5) if dice.chance(0.5) else np.inf, "threads": 1}
-        origins, d, ends = dice.rays(16 if textured else 40)
+        origins, d, ends = dice.rays(24 if textured else 40)
         whole = trace(scene, origins, d, ends, rtol=1e-4, **options)
         parts = trace_depths(scene, origins, d, np.linspace(0, 1, STRETCHES + 1)[1:, None] * ends, rtol=1e-6, **options)
         want, known = parts.radiance[:, -1], parts.error[:, -1]
@@ -114,3 +114,14 @@ def test_whole_rays_agree_with_their_stretches(seeds, textured, volumetric):
         assert whole.converged.all(), seed
         assert (wrong <= 1e-4 * want).all(), (seed, np.flatnonzero((wrong > 1e-4 * want).any(axis=0)))
         assert (wrong <= 10 * whole.error + 1e-12 * want).all(), seed
+
+
+def test_a_whole_image_converges_under_all_shadows():
+    """Curtains of triangles leave stretches of a rounding's width between shadows; none may count as unknown."""
+    from froxel_ref import load, load_assets
+    from froxel_ref.truth_image import render_truth
+
+    scene, settings, folder = load("thesis-hall", overrides=["scene.camera.width=32", "scene.camera.height=18"])
+    image = render_truth(scene, settings, assets=load_assets(scene, folder), shadows="exact")
+    assert image.converged.all()
+    assert (image.error <= 1e-4 * image.fog_radiance).all()
