@@ -4,7 +4,8 @@
 
 First the hall at 160×90: without textures, with exact shadows, with volumetric shadows, with its drifting
 mist. Without --full the slow ones trace every 8th ray and say what all would take. Then rays with more and
-more breaks: boxes of fog in a row, lamps, pillars in the light.
+more breaks: boxes of fog in a row, lamps, pillars in the light, and boxes and balls of fog beside the ray that
+cast volumetric shadows on it.
 """
 
 from __future__ import annotations
@@ -77,10 +78,13 @@ def growing(rtol: float) -> Iterator[tuple[object, ...]]:
                                  falloff="inverse_square") for k in range(n))
         pillars = tuple(Box(transform=Transform(translate=(0, 3, -step * (k + 0.5)),
                                                 scale=(2, 1, 0.2 * step))) for k in range(n))
+        above = tuple(LocalMedium(extinction=2.0, shape=("box", "ellipsoid")[k % 2], transform=Transform(
+            translate=(1, 4, -step * (k + 0.5)), scale=(2, 1, 0.3 * step))) for k in range(n))
         row: list[object] = [n]
         plain = Scene(global_media=(fog,), lights=(sun,))
         for change, options in (({"local_media": boxes}, {}), ({"lights": (sun, *lamps)}, {}),
-                                ({"surfaces": pillars}, {"shadows": "exact"})):
+                                ({"surfaces": pillars}, {"shadows": "exact"}),
+                                ({"local_media": above}, {"volumetric_shadows": True})):
             scene = dataclasses.replace(plain, **change)
             cpu = time.process_time()
             truth = trace(scene, origin, np.broadcast_to(ray, (3, count)), np.full(count, 64.0), rtol=rtol,
@@ -101,7 +105,7 @@ def main() -> None:
     print(table(list(hall(width, height, args.rtol, 1 if args.full else 8)), HEAD) + "\n")
     print(table(list(growing(args.rtol)), (
         "things on the ray", "boxes of fog: evaluations", "µs a ray", "lamps: evaluations", "µs a ray",
-        "pillars: evaluations", "µs a ray")))
+        "pillars: evaluations", "µs a ray", "shadows of media: evaluations", "µs a ray")))
 
 
 if __name__ == "__main__":

@@ -29,6 +29,7 @@ Integers: TypeAlias = NDArray[np.integer[Any]]
 FALLS = (2.0, 16.0, 112.0)
 EPS = float(np.finfo(np.float64).eps)
 FIRST_DEPTH, DEPTH_RATIO, LAST_DEPTH = 2.0, 8.0, 745.0
+SHALLOWEST = 1e-30  # of a ray's length: nearer to its start no depth is looked for
 
 
 class Lamp(NamedTuple):
@@ -209,7 +210,8 @@ def thickness_cuts(paths: Sequence[MediumPath], extinction: Array, lines: Lines)
 
     Notes
     -----
-    By bisection, of the channel that is dimmed most. Without these cuts a rule of 15 points could step over
+    By bisection, of the channel that is dimmed most: of the distance's exponent first, since a mean free
+    path may be 1e-22 of the ray, then of the distance. Without these cuts a rule of 15 points could step over
     all that shines, where a fog's mean free path is a small part of an interval.
     """
     reached = optical_depth(paths, extinction, lines.stop)
@@ -219,18 +221,26 @@ def thickness_cuts(paths: Sequence[MediumPath], extinction: Array, lines: Lines)
     level = FIRST_DEPTH
     while (total > level).any() and len(cuts) < 24:
         rows = np.flatnonzero(total > level)
-        low, high = lines.start[rows], lines.stop[rows]
-        for _ in range(52):
-            middle = 0.5 * (low + high)
-            beyond = optical_depth(paths, extinction, middle, rows).max(axis=0) > level
-            low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
         cut = lines.start.copy()
-        cut[rows] = high
+        cut[rows] = _reached(paths, extinction, lines, rows, level)
         cuts.append(cut)
         if level > LAST_DEPTH and not (extinction.shape[1] > 1 and (least[rows] < level).any()):
             break
         level *= DEPTH_RATIO
     return np.stack(cuts, axis=1) if cuts else np.zeros((len(lines.start), 0))
+
+
+def _reached(paths: Sequence[MediumPath], extinction: Array, lines: Lines, rows: Integers,
+             level: float) -> Array:
+    """Where lines that reach an optical depth in some channel do so, to the last digit but one."""
+    start, stop = lines.start[rows], lines.stop[rows]
+    low, high = SHALLOWEST * (stop - start), stop - start
+    for turn in range(60):
+        middle = np.sqrt(low) * np.sqrt(high) if turn < 10 else 0.5 * (low + high)
+        beyond = optical_depth(paths, extinction, start + middle, rows).max(axis=0) > level
+        low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+    result: Array = start + high
+    return result
 
 
 def lamp_cuts(lamp: Lamp) -> Array:

@@ -6,12 +6,13 @@ that the rest of the pipeline keeps [Dekker 1971; Higham 2002, §27.9].
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["FOUR_PI", "DoubleDouble", "double_double", "two_product", "two_sum"]
+__all__ = ["FOUR_PI", "DoubleDouble", "cross", "dot", "double_double", "two_product", "two_sum", "where"]
 
 Doubles = NDArray[np.float64]
 
@@ -129,6 +130,28 @@ def double_double(value: ArrayLike) -> DoubleDouble:
     """
     high = np.asarray(value, np.float64)
     return DoubleDouble(high, np.zeros_like(high))
+
+
+def where(chosen: NDArray[np.bool_], first: DoubleDouble, other: DoubleDouble) -> DoubleDouble:
+    """Element by element one of two, like `numpy.where`."""
+    return DoubleDouble(np.where(chosen, first.high, other.high), np.where(chosen, first.low, other.low))
+
+
+def dot(a: Sequence[DoubleDouble], b: Sequence[DoubleDouble]) -> DoubleDouble:
+    """The scalar product of vectors with three components."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Sequence[DoubleDouble], b: Sequence[DoubleDouble]) -> list[DoubleDouble]:
+    """The vector product of vectors with three components.
+
+    Examples
+    --------
+    >>> x, y, z = ([double_double(c) for c in row] for row in np.eye(3))
+    >>> [float(c.high) for c in cross(x, y)], float(dot(x, x).high)
+    ([0.0, 0.0, 1.0], 1.0)
+    """
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
 # 4π to 106 bits: 4·(π rounded), and 4·(π − π rounded) [any table of π].

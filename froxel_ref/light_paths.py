@@ -15,7 +15,7 @@ from froxel_ref.optical_depth import Lines, column, medium_path
 from froxel_ref.scene import DirectionalLight, Light
 from froxel_ref.settings import Settings
 
-__all__ = ["light_transmittance"]
+__all__ = ["light_transmittance", "ways_to_light"]
 
 Array: TypeAlias = NDArray[np.floating[Any]]
 
@@ -64,7 +64,7 @@ def light_transmittance(media: Sequence[Placed], extinction: Array, light: Light
     """
     shape = np.broadcast_shapes(*(p.shape for p in points))
     origin = np.stack([np.broadcast_to(p, shape).reshape(-1) for p in points])
-    lines = _ways(light, origin, sun_distance)
+    lines = ways_to_light(light, origin, sun_distance)
     total = np.zeros((extinction.shape[1], origin.shape[1]))
     for placed, factors in zip(media, extinction, strict=True):
         if not factors.any():
@@ -80,8 +80,8 @@ def light_transmittance(media: Sequence[Placed], extinction: Array, light: Light
         return np.exp(-total).reshape(-1, *shape)
 
 
-def _ways(light: Light, origin: Array, sun_distance: float) -> Lines:
-    """From points to a light, in metres."""
+def ways_to_light(light: Light, origin: Array, sun_distance: float) -> Lines:
+    """Lines from points, shape (3, n) [m], to a light; of length ``sun_distance`` to a directional one."""
     count = origin.shape[1]
     start = np.zeros(count)
     if isinstance(light, DirectionalLight):

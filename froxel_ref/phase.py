@@ -1,13 +1,14 @@
 """Phase functions: how much of the light that a medium scatters turns from its way into the view.
 
 All are normalised (the integral over the sphere is 1, unit sr⁻¹) and share one signature,
-``f(cos_theta, g, *, versine=None)``. θ is the angle by which light is deflected, cos θ = −V·L with V from
-the point to the camera and L from the point to the light, so that g > 0 is bright towards the light.
+``f(cos_theta, g, *, versine=None, mirrored_versine=None)``. θ is the angle by which light is deflected,
+cos θ = −V·L with V from the point to the camera and L from the point to the light, so that g > 0 is bright
+towards the light.
 
-A narrow lobe depends on 1 − cos θ, which a rounded cos θ near 1 has lost. Who knows the directions can
-pass it as `versine` with all its digits. Every function works in the type of `cos_theta`; what depends on
-`g` alone is worked out in the wider of the types of `g` and `cos_theta` and then rounded once, so that a
-Python float g next to 1 keeps its meaning beside a float32 image.
+A narrow lobe depends on 1 − cos θ, which a rounded cos θ near 1 has lost, or backward on 1 + cos θ. Who knows
+the directions can pass them as `versine` and `mirrored_versine` with all their digits. Every function works in
+the type of `cos_theta`; what depends on `g` alone is worked out in the wider of the types of `g` and
+`cos_theta` and then rounded once, so that a Python float g next to 1 keeps its meaning beside a float32 image.
 """
 
 from __future__ import annotations
@@ -78,14 +79,15 @@ def versine(to_camera: Points, to_light: Points) -> Field:
     return total[()]
 
 
-def isotropic(cos_theta: ArrayLike, g: ArrayLike = 0.0, *, versine: ArrayLike | None = None) -> Field:
+def isotropic(cos_theta: ArrayLike, g: ArrayLike = 0.0, *, versine: ArrayLike | None = None,
+              mirrored_versine: ArrayLike | None = None) -> Field:
     """Equal scattering into all directions.
 
     Parameters
     ----------
     cos_theta : array_like
         Only its type and number of axes are used.
-    g, versine : array_like, optional
+    g, versine, mirrored_versine : array_like, optional
         Accepted and ignored, so that all phase functions can be called alike.
 
     Returns
@@ -107,14 +109,15 @@ def isotropic(cos_theta: ArrayLike, g: ArrayLike = 0.0, *, versine: ArrayLike | 
     return np.full((1,) * cosine.ndim, 1.0 / SPHERE, cosine.dtype)[()]
 
 
-def rayleigh(cos_theta: ArrayLike, g: ArrayLike = 0.0, *, versine: ArrayLike | None = None) -> Field:
+def rayleigh(cos_theta: ArrayLike, g: ArrayLike = 0.0, *, versine: ArrayLike | None = None,
+             mirrored_versine: ArrayLike | None = None) -> Field:
     """Scattering by molecules much smaller than the wavelength.
 
     Parameters
     ----------
     cos_theta : array_like
         Cosine of the deflection, in [−1, 1] [1].
-    g, versine : array_like, optional
+    g, versine, mirrored_versine : array_like, optional
         Accepted and ignored, so that all phase functions can be called alike.
 
     Returns
@@ -136,7 +139,8 @@ def rayleigh(cos_theta: ArrayLike, g: ArrayLike = 0.0, *, versine: ArrayLike | N
     return result[()]
 
 
-def henyey_greenstein(cos_theta: ArrayLike, g: ArrayLike, *, versine: ArrayLike | None = None) -> Field:
+def henyey_greenstein(cos_theta: ArrayLike, g: ArrayLike, *, versine: ArrayLike | None = None,
+                      mirrored_versine: ArrayLike | None = None) -> Field:
     """The one-parameter lobe of Henyey and Greenstein.
 
     Parameters
@@ -148,6 +152,8 @@ def henyey_greenstein(cos_theta: ArrayLike, g: ArrayLike, *, versine: ArrayLike 
         float32 can make of a valid g, is taken as the nearest number inside.
     versine : array_like, optional
         1 − cos θ, where it is known with more digits than `cos_theta` [1]; see `versine`.
+    mirrored_versine : array_like, optional
+        1 + cos θ likewise: ½|V − L|² [1].
 
     Returns
     -------
@@ -164,9 +170,8 @@ def henyey_greenstein(cos_theta: ArrayLike, g: ArrayLike, *, versine: ArrayLike 
     (1 − g²)/(4π d^{3/2}) [Henyey 1941; Dörries 2020, listing 3.2; Kosian 2020, eq. 2.3] with
     d = (1−g)² + 2g(1 − cos θ) for g ≥ 0, and the mirrored (1+g)² − 2g(1 + cos θ) for g < 0, where the
     textbook's 1 + g² − 2g cos θ loses all digits as |g| → 1. Every term is positive, so the relative error
-    stays at most 8 ε for all g and angles, ε the type's epsilon (measured: 3.9). 1 + cos θ always comes from
-    `cos_theta`, for 2 − versine has lost the digits of a backward lobe. p(cos θ, g) = p(−cos θ, −g): a caller
-    who needs them passes −g with the versine of the mirrored light.
+    stays at most 8 ε for all g and angles, ε the type's epsilon (measured: 3.9). A backward lobe takes 1 + cos θ
+    from `mirrored_versine`, or from `cos_theta`: 2 − versine has lost its digits. p(cos θ, g) = p(−cos θ, −g).
 
     Examples
     --------
@@ -177,18 +182,18 @@ def henyey_greenstein(cos_theta: ArrayLike, g: ArrayLike, *, versine: ArrayLike 
     """
     cosine = _cosine(cos_theta)
     g = _anisotropy(g, cosine.dtype)
-    return _lobe(_turn(cosine, g, versine), *_lobe_terms(g, cosine.dtype))[()]
+    return _lobe(_turn(cosine, g, versine, mirrored_versine), *_lobe_terms(g, cosine.dtype))[()]
 
 
 def two_lobe_henyey_greenstein(
     cos_theta: ArrayLike, g: ArrayLike, *, versine: ArrayLike | None = None,
-    second_lobe: SecondLobe | None = None,
+    mirrored_versine: ArrayLike | None = None, second_lobe: SecondLobe | None = None,
 ) -> Field:
     """Two Henyey–Greenstein lobes, as of a medium that scatters strongly forward and somewhat back.
 
     Parameters
     ----------
-    cos_theta, g, versine : array_like
+    cos_theta, g, versine, mirrored_versine : array_like
         As for `henyey_greenstein`; g is that of the first lobe [1].
     second_lobe : SecondLobe, optional
         The second lobe's g and its share w; default as in `froxel_ref.settings.SecondLobe`.
@@ -216,19 +221,21 @@ def two_lobe_henyey_greenstein(
     True
     """
     second = SecondLobe() if second_lobe is None else second_lobe
-    first = np.asarray(henyey_greenstein(cos_theta, g, versine=versine))
-    other = np.asarray(henyey_greenstein(cos_theta, second.phase_anisotropy, versine=versine))
+    first = np.asarray(henyey_greenstein(cos_theta, g, versine=versine, mirrored_versine=mirrored_versine))
+    other = np.asarray(henyey_greenstein(cos_theta, second.phase_anisotropy, versine=versine,
+                                         mirrored_versine=mirrored_versine))
     first *= 1.0 - second.weight
     other *= second.weight
     return first + other
 
 
-def cornette_shanks(cos_theta: ArrayLike, g: ArrayLike, *, versine: ArrayLike | None = None) -> Field:
+def cornette_shanks(cos_theta: ArrayLike, g: ArrayLike, *, versine: ArrayLike | None = None,
+                    mirrored_versine: ArrayLike | None = None) -> Field:
     """Henyey–Greenstein with the polarisation factor of Rayleigh, which it becomes at g = 0.
 
     Parameters
     ----------
-    cos_theta, g, versine : array_like
+    cos_theta, g, versine, mirrored_versine : array_like
         As for `henyey_greenstein`; g is not exactly the mean cosine here [1].
 
     Returns
@@ -254,20 +261,20 @@ def cornette_shanks(cos_theta: ArrayLike, g: ArrayLike, *, versine: ArrayLike | 
     cosine = _cosine(cos_theta)
     g = _anisotropy(g, cosine.dtype)
     offset, slope, numerator = _lobe_terms(g, cosine.dtype, (2.0 + g * g) / CORNETTE)
-    result = _lobe(_turn(cosine, g, versine), offset, slope, numerator)
+    result = _lobe(_turn(cosine, g, versine, mirrored_versine), offset, slope, numerator)
     result *= _one_plus_square(cosine)
     return result[()]
 
 
 def schlick(
     cos_theta: ArrayLike, g: ArrayLike, *, versine: ArrayLike | None = None,
-    fit: str = "corrected", sign: str = "henyey_greenstein",
+    mirrored_versine: ArrayLike | None = None, fit: str = "corrected", sign: str = "henyey_greenstein",
 ) -> Field:
     """Schlick's lobe without a root, with k fitted so that it resembles Henyey–Greenstein's.
 
     Parameters
     ----------
-    cos_theta, g, versine : array_like
+    cos_theta, g, versine, mirrored_versine : array_like
         As for `henyey_greenstein` [1].
     fit : {"corrected", "published"}
         How k follows from g; see Notes.
@@ -306,13 +313,13 @@ def schlick(
     _one_of("fit", fit, ("corrected", "published"))
     _one_of("sign", sign, ("henyey_greenstein", "kosian"))
     cosine = _cosine(cos_theta)
-    if sign == "kosian":  # the same function of the supplementary angle, whose versine is not known
-        cosine, versine = -cosine, None
+    if sign == "kosian":  # the same function of the supplementary angle
+        cosine, versine, mirrored_versine = -cosine, mirrored_versine, versine
     g = _anisotropy(g, cosine.dtype)
     rest = _schlick_rest(np.abs(g), fit)
     terms = rest, 1.0 - rest, rest * (2.0 - rest) / SPHERE
     offset, slope, numerator = (term.astype(cosine.dtype, copy=False) for term in terms)
-    result = np.asarray(slope * _turn(cosine, g, versine))
+    result = np.asarray(slope * _turn(cosine, g, versine, mirrored_versine))
     result += offset
     result *= result
     return np.divide(numerator, result, out=result)[()]
@@ -331,7 +338,7 @@ PHASE: Mapping[str, Callable[..., Field]] = {
 
 def phase(
     name: str, cos_theta: ArrayLike, g: ArrayLike, *, versine: ArrayLike | None = None,
-    second_lobe: SecondLobe | None = None,
+    mirrored_versine: ArrayLike | None = None, second_lobe: SecondLobe | None = None,
 ) -> Field:
     """The phase function of a given name.
 
@@ -339,7 +346,7 @@ def phase(
     ----------
     name : str
         A key of `PHASE`.
-    cos_theta, g, versine : array_like
+    cos_theta, g, versine, mirrored_versine : array_like
         As for `henyey_greenstein` [1].
     second_lobe : SecondLobe, optional
         For ``two_lobe_henyey_greenstein``; the others do not look at it.
@@ -362,8 +369,9 @@ def phase(
     if name not in PHASE:
         raise InputError("phase_function", f"is {shown(name)}; {suggest(name, PHASE)}")
     if name == "two_lobe_henyey_greenstein":
-        return two_lobe_henyey_greenstein(cos_theta, g, versine=versine, second_lobe=second_lobe)
-    return PHASE[name](cos_theta, g, versine=versine)
+        return two_lobe_henyey_greenstein(cos_theta, g, versine=versine, mirrored_versine=mirrored_versine,
+                                          second_lobe=second_lobe)
+    return PHASE[name](cos_theta, g, versine=versine, mirrored_versine=mirrored_versine)
 
 
 # --- parts ------------------------------------------------------------------------------------------
@@ -388,21 +396,25 @@ def _anisotropy(g: ArrayLike, dtype: Float) -> Field:
     return values
 
 
-def _turn(cosine: Field, g: Field, versine: ArrayLike | None) -> Field:
+def _turn(cosine: Field, g: Field, versine: ArrayLike | None, mirrored_versine: ArrayLike | None) -> Field:
     """1 − cos θ where g ≥ 0 and 1 + cos θ where g < 0: zero in the middle of the lobe, never below.
 
     A cosine that rounding has put above 1 would otherwise turn a narrow lobe into the root of a negative.
     """
     backward = g < 0
     if not backward.any():
-        if versine is not None:
-            return np.asarray(versine, dtype=cosine.dtype)
-        return _positive(np.asarray(1.0 - cosine))
-    mirrored = _positive(np.asarray(1.0 + cosine))
+        return _known(versine, cosine, -1.0)
     if backward.all():
-        return mirrored
-    forward = 1.0 - cosine if versine is None else np.asarray(versine, dtype=cosine.dtype)
-    return np.where(backward, mirrored, np.maximum(forward, 0.0))
+        return _known(mirrored_versine, cosine, 1.0)
+    return np.where(backward, np.maximum(_known(mirrored_versine, cosine, 1.0), 0.0),
+                    np.maximum(_known(versine, cosine, -1.0), 0.0))
+
+
+def _known(versine: ArrayLike | None, cosine: Field, sign: float) -> Field:
+    """What is known of 1 ± cos θ with all its digits, in the type of cos θ, or what the cosine tells."""
+    if versine is not None:
+        return np.asarray(versine, dtype=cosine.dtype)
+    return _positive(np.asarray(1.0 - cosine if sign < 0.0 else 1.0 + cosine))
 
 
 def _positive(values: Field) -> Field:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from froxel_ref.arrays import Field
-from froxel_ref.compensated import FOUR_PI, DoubleDouble, double_double
+from froxel_ref.compensated import FOUR_PI, DoubleDouble, dot, double_double
 from froxel_ref.geometry import Rays
 from froxel_ref.lights import colour
 from froxel_ref.phase import phase
@@ -77,14 +77,10 @@ def sun_rays(index: int, light: DirectionalLight, rays: Rays) -> SunRays:
     # By a power of two, exactly, so that no square over- or underflows.
     exponent = math.frexp(max(map(abs, light.direction)))[1]
     towards = [double_double(math.ldexp(component, -exponent)) for component in light.direction]
-    cosine = _dot(p, towards) / (_dot(p, p) * _dot(towards, towards)).sqrt()
+    cosine = dot(p, towards) / (dot(p, p) * dot(towards, towards)).sqrt()
     shape = rays.length.shape
     whole = DoubleDouble(np.broadcast_to(cosine.high, shape), np.broadcast_to(cosine.low, shape))
     return SunRays(index, colour(light), whole, rays.length.dtype)
-
-
-def _dot(a: list[DoubleDouble], b: list[DoubleDouble]) -> DoubleDouble:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def sun_light(sun: SunRays, name: str, g: Field, *, share: float = 1.0, rows: slice = slice(None)) -> Field:

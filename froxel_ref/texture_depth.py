@@ -19,7 +19,7 @@ from froxel_ref.records import InputError
 if TYPE_CHECKING:
     from froxel_ref.optical_depth import Lines, MediumPath, Rows
 
-__all__ = ["Cells", "cell_column", "crossings", "make_cells", "nearest_face"]
+__all__ = ["Cells", "cell_column", "crossings", "make_cells", "nearest_face", "texel_steps"]
 
 Array: TypeAlias = NDArray[np.floating[Any]]
 
@@ -69,6 +69,12 @@ def _coordinates(placed: Placed, lines: Lines, time: float) -> list[tuple[Array,
         start = (origin[i] * record.scale[i] + shift) * count
         axes.append((start, direction[i] * record.scale[i] * count, count))
     return axes
+
+
+def texel_steps(placed: Placed, lines: Lines, time: float = 0.0) -> Array:
+    """Texels that lines cross on each axis per unit of t, shape (3, n); 0 on an axis of one texel."""
+    steps = [step * (count > 1) for _, step, count in _coordinates(placed, lines, time)]
+    return np.stack(steps) if steps else np.zeros((3, lines.start.size))
 
 
 def crossings(placed: Placed, lines: Lines, low: Array, high: Array, *, time: float = 0.0,

@@ -15,33 +15,31 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from froxel_ref import blocks
+from froxel_ref.bundles import Physics, make_bundle, make_physics
 from froxel_ref.optical_depth import Lines, optical_depth
 from froxel_ref.quadrature import integrate_pool
-from froxel_ref.records import InputError, suggest
+from froxel_ref.records import InputError
 from froxel_ref.scene import Scene
 from froxel_ref.settings import Settings
-from froxel_ref.single_scattering import (
-    Physics,
-    evaluate,
-    first_pool,
-    make_bundle,
-    make_physics,
-    split_at_cells,
+from froxel_ref.single_scattering import evaluate, first_pool
+from froxel_ref.truth_input import (
+    SHADOWS,
+    TIGHTEST,
+    check_limits,
+    check_options,
+    distances,
+    make_lines,
 )
+from froxel_ref.unseen import split_at_cells
 from froxel_ref.visibility import occluders
 
 if TYPE_CHECKING:
     from froxel_ref.assets import Assets
 
-__all__ = ["SHADOWS", "TIGHTEST", "Truth", "trace", "trace_depths"]
+__all__ = ["SHADOWS", "TIGHTEST", "Truth", "check_options", "trace", "trace_depths"]
 
 Array: TypeAlias = NDArray[np.floating[Any]]
 Progress: TypeAlias = Callable[[int, int], None]
-
-SHADOWS = ("off", "exact")
-
-# The least relative tolerance: some hundred ε, below which the rounding of the integrand decides.
-TIGHTEST = 1e-13
 
 # Rays that are worked on at a time: their first intervals, 15 points each, fill about the cache.
 RAYS = 256
@@ -82,16 +80,17 @@ def trace(scene: Scene, origins: ArrayLike, directions: ArrayLike, ends: ArrayLi
     ----------
     scene : Scene
         Its media, lights and ambient light; its surfaces only cast shadows.
-    origins, directions : array_like, shape (3, N)
-        Where rays begin [m], and which way they look; scaled to length 1.
-    ends : array_like, shape (N,) [m]
-        Distance along each ray at which it ends; finite, not below ``starts``.
+    origins, directions : array_like, shape (3, N) or (3, 1)
+        Where rays begin [m], within 1e10 m, and which way they look; scaled to length 1. One column a ray, rows
+        x, y and z: a list of three rays, (3, 3), must be transposed, which no check can tell.
+    ends : array_like, shape (N,) or () [m]
+        Distance along each ray at which it ends; at most 1e14, not below ``starts``.
     settings : Settings, optional
         Its phase function and the switches that change physics: emission, phase_mixing, density_addressing,
         attenuation, ambient, exposure. Integrator, lookup and grid are the frame's alone.
     assets : Assets, optional
         What the scene's files hold; loaded if the scene names none.
-    starts : array_like, broadcastable to (N,) [m]
+    starts : array_like, shape (N,) or () [m]
         Distance at which the integral, and the transmittance, begins.
     rtol : float
         Wanted error as a share of the radiance, in every channel; at least 1e-13.
@@ -115,7 +114,8 @@ def trace(scene: Scene, origins: ArrayLike, directions: ArrayLike, ends: ArrayLi
     Raises
     ------
     InputError
-        A tolerance out of range, an unknown word, rays that are not finite or have no direction.
+        A tolerance or limit out of range, an unknown word, rays that are not finite, have no direction or do
+        not fit together; a texture of which a ray, or its ways to a light, cross more than 20000 cells.
 
     Notes
     -----
@@ -123,7 +123,9 @@ def trace(scene: Scene, origins: ArrayLike, directions: ArrayLike, ends: ArrayLi
     with E_l a directional light's irradiance, or intensity times attenuation (CONVENTIONS.md); multiplied
     by the camera's exposure if the switch exposure is "lighting".
 
-    The estimate is Σ|K₁₅ − G₇| over the intervals, so as a rule far above the real error.
+    The estimate is Σ|K₁₅ − G₇| over the intervals, so as a rule far above the real error. To it comes what the
+    nodes cannot have seen: columns of textures that the rule gets wrong, light at the ends of intervals, the
+    rounding of places.
 
     Examples
     --------
@@ -136,7 +138,8 @@ def trace(scene: Scene, origins: ArrayLike, directions: ArrayLike, ends: ArrayLi
     """
     settings = settings or Settings()
     check_options(rtol, shadows, sun_distance)
-    lines = _lines(origins, directions, starts, ends)
+    check_limits(volumetric_shadows, limit_rounds, limit_intervals, threads)
+    lines = make_lines(origins, directions, starts, ends)
     physics = make_truth_physics(scene, settings, assets, shadows, volumetric_shadows, sun_distance)
     count = lines.stop.size
     wide = physics.extinction.shape[1]
@@ -182,37 +185,6 @@ def make_truth_physics(scene: Scene, settings: Settings, assets: Assets | None, 
                         sun_distance=sun_distance)
 
 
-def check_options(rtol: float, shadows: str, sun_distance: float) -> None:
-    """Refuse options of `trace` that make no sense; raises InputError."""
-    if not TIGHTEST <= rtol < 1.0:
-        raise InputError("rtol", f"is {rtol:g}, must be at least {TIGHTEST:g} (the arithmetic's floor) "
-                                 "and below 1")
-    if shadows not in SHADOWS:
-        raise InputError("shadows", f"is {shadows!r}; {suggest(shadows, SHADOWS)}")
-    if not sun_distance > 0.0:
-        raise InputError("sun_distance", f"is {sun_distance:g}, must be above 0 m")
-
-
-def _lines(origins: ArrayLike, directions: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> Lines:
-    stop = np.atleast_1d(np.asarray(ends, np.float64))
-    shape = (3, stop.size)
-    fields = []
-    for name, values in (("origins", origins), ("directions", directions)):
-        array = np.asarray(values, np.float64)
-        if array.shape not in (shape, (3, 1)) or not np.isfinite(array).all():
-            raise InputError(name, f"has shape {array.shape}, must be finite and of shape {shape}")
-        fields.append(np.broadcast_to(array, shape))
-    length = np.sqrt((fields[1] * fields[1]).sum(axis=0))
-    if not (length > 0.0).all():
-        raise InputError("directions", "has a zero vector, must point somewhere")
-    # Unit vectors stay as they are, to the last bit.
-    unit = np.where(np.abs(length - 1.0) <= 4e-16, fields[1], fields[1] / length)
-    start = np.broadcast_to(np.asarray(starts, np.float64), stop.shape)
-    if not (np.isfinite(stop).all() and (start >= 0.0).all() and (stop >= start).all()):
-        raise InputError("ends", "must be finite and not below starts, which must not be below 0 m")
-    return Lines(fields[0], unit, start, stop)
-
-
 def trace_depths(scene: Scene, origins: ArrayLike, directions: ArrayLike, ends: ArrayLike,
                  **options: Any) -> Truth:
     """Integrate single scattering up to several distances along each ray.
@@ -250,14 +222,17 @@ def trace_depths(scene: Scene, origins: ArrayLike, directions: ArrayLike, ends: 
     >>> truth.radiance[0, :, 0].round(6).tolist()
     [0.632121, 0.864665]
     """
-    stop = np.asarray(ends, np.float64)
+    stop = distances("ends", ends)
     if stop.ndim != 2 or stop.size == 0:
         raise InputError("ends", f"has shape {stop.shape}, must be (K, N)")
     steps, count = stop.shape
-    first = np.broadcast_to(np.asarray(options.pop("starts", 0.0), np.float64), (count,))
-    begin = np.concatenate([first[np.newaxis], stop[:-1]])
-    rays = [np.tile(np.broadcast_to(np.asarray(field, np.float64), (3, count)), steps)
-            for field in (origins, directions)]
+    lines = make_lines(origins, directions, options.pop("starts", 0.0), stop[0])
+    if lines.stop.size != count:
+        raise InputError("ends", f"has shape {stop.shape}, must be (K, {lines.stop.size}) for {lines.stop.size} rays")
+    if not (stop[1:] >= stop[:-1]).all():
+        raise InputError("ends", "decreases along its first axis, must not")
+    begin = np.concatenate([lines.start[np.newaxis], stop[:-1]])
+    rays = [np.tile(field, steps) for field in (lines.origin, lines.direction)]
     parts = trace(scene, rays[0], rays[1], stop.reshape(-1), starts=begin.reshape(-1), **options)
     pieces = Truth._make(field.reshape(*field.shape[:-1], steps, count) for field in parts)
     through = np.cumprod(pieces.transmittance, axis=-2)

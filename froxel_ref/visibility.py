@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from froxel_ref.arrays import Points, Visibility
+from froxel_ref.compensated import DoubleDouble, cross, dot, double_double, where
 from froxel_ref.geometry import Rays
 from froxel_ref.lights import unit
 from froxel_ref.optical_depth import Lines
@@ -268,37 +269,43 @@ def _plane_spans(plane: Plane, lines: Lines, light: Light) -> Array:
 
 
 def _sphere_spans(sphere: Sphere, lines: Lines, light: Light) -> Array:
-    """Between the first and the last of its ends: where the ray crosses the shadow's mantle or the sphere."""
-    towards, sun = _towards(light)
-    o, d = lines.origin - np.asarray(sphere.center)[:, np.newaxis], lines.direction
-    r2 = sphere.radius * sphere.radius
-    ends = [lines.start, lines.stop]
-    ends += _roots((d * d).sum(axis=0), (o * d).sum(axis=0), (o * o).sum(axis=0) - r2)
-    if sun:
-        u, v = np.cross(o, towards, axis=0), np.cross(d, towards, axis=0)
-        ends += _roots((v * v).sum(axis=0), (u * v).sum(axis=0), (u * u).sum(axis=0) - r2)
+    """Between the first and the last of its ends: where the ray crosses the shadow's mantle or the sphere.
+
+    The quadratics are formed in twice the digits: over a planet, |o × l|² and r² have sixteen in common where
+    a shadow's edge is grazed.
+    """
+    center, r2 = np.asarray(sphere.center)[:, np.newaxis], double_double(sphere.radius) * double_double(sphere.radius)
+    o = [double_double(a) - double_double(c) for a, c in zip(lines.origin, center, strict=True)]
+    d = [double_double(a) for a in lines.direction]
+    ends = [lines.start, lines.stop, *_roots(dot(d, d), dot(o, d), dot(o, o) - r2)]
+    if isinstance(light, DirectionalLight):
+        towards = [double_double(c) for c in light.direction]
+        u, v = cross(o, towards), cross(d, towards)
+        ends += _roots(dot(v, v), dot(u, v), dot(u, u) - r2 * dot(towards, towards))
     else:
         # On the mantle the way to the light passes at r: |X × A|² = r²·|X − A|², A the light from the centre.
-        apex = towards - np.asarray(sphere.center)
-        u, v, w = np.cross(o, apex, axis=0), np.cross(d, apex, axis=0), o - apex[:, np.newaxis]
-        ends += _roots((v * v).sum(axis=0) - r2, (u * v).sum(axis=0) - r2 * (w * d).sum(axis=0),
-                       (u * u).sum(axis=0) - r2 * (w * w).sum(axis=0))
+        apex = [double_double(a) - double_double(c) for a, c in zip(light.position, center, strict=True)]
+        u, v, w = cross(o, apex), cross(d, apex), [a - b for a, b in zip(o, apex, strict=True)]
+        ends += _roots(dot(v, v) - r2 * dot(d, d), dot(u, v) - r2 * dot(w, d), dot(u, u) - r2 * dot(w, w))
     inside = np.clip(np.nan_to_num(np.stack(ends), nan=0.0), lines.start, lines.stop)
     inside = np.sort(inside, axis=0)
     middle = 0.5 * (inside[1:] + inside[:-1])
-    aim = towards if sun else towards - np.asarray(sphere.center)
-    dark = np.stack([_sphere_hides(o + d * t, aim, r2, sun) for t in middle])
+    aim, sun = _towards(light)
+    aim = aim if sun else aim - center[:, 0]
+    origin = lines.origin - center
+    dark = np.stack([_sphere_hides(origin + lines.direction * t, aim, sphere.radius ** 2, sun) for t in middle])
     dark &= inside[1:] > inside[:-1]
     low = np.where(dark, inside[:-1], np.inf).min(axis=0)
     high = np.where(dark, inside[1:], -np.inf).max(axis=0)
     return np.stack([low, high], axis=1)[:, np.newaxis]
 
 
-def _roots(a: Array, b: Array, c: Array) -> list[Array]:
-    """Of a·t² + 2b·t + c."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        q = -(b + np.copysign(np.sqrt(b * b - a * c), b))
-        roots = [q / a, c / q]
+def _roots(a: DoubleDouble, b: DoubleDouble, c: DoubleDouble) -> list[Array]:
+    """Of a·t² + 2b·t + c; NaN where there is none."""
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        root = (b * b - a * c).sqrt()
+        q = -(b + where(b.high < 0.0, -root, root))
+        roots = [(q / a).high, (c / q).high]
     return [np.where(np.isfinite(root), root, np.nan) for root in roots]
 
 

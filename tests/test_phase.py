@@ -179,6 +179,27 @@ def test_versine_is_used_forward_and_ignored_backward() -> None:
     np.testing.assert_array_equal(both[:, 0], [henyey_greenstein(0.3, 0.5), henyey_greenstein(0.3, -0.5)])
 
 
+@pytest.mark.parametrize("name", ["henyey_greenstein", "cornette_shanks", "schlick"])
+def test_a_backward_lobe_is_the_forward_one_mirrored(name: str) -> None:
+    """p(c, −g; 1 + c) = p(−c, g; 1 − (−c)) to the last bit, also where 1 ± c has no digits left."""
+    small = np.array([0.0, 1e-30, 1e-12, 1e-3])
+    cosine = small - 1.0
+    back = phase(name, cosine, -0.9999, mirrored_versine=small)
+    np.testing.assert_array_equal(back, phase(name, -cosine, 0.9999, versine=small))
+    assert len(set(back.tolist())) == 3
+    both = phase(name, cosine, np.array([[0.5], [-0.9999]]), mirrored_versine=small)
+    np.testing.assert_array_equal(both[1], back)
+    np.testing.assert_array_equal(both[0], phase(name, cosine, 0.5, mirrored_versine=2 * small))
+
+
+def test_a_mirrored_versine_reaches_the_second_lobe_and_the_other_sign() -> None:
+    lobe, cosine, small = SecondLobe(phase_anisotropy=-0.999, weight=1.0), np.array([-1.0]), np.array([1e-9])
+    got = two_lobe_henyey_greenstein(cosine, 0.5, mirrored_versine=small, second_lobe=lobe)
+    np.testing.assert_array_equal(got, henyey_greenstein(cosine, -0.999, mirrored_versine=small))
+    got = schlick(cosine, 0.999, mirrored_versine=small, sign="kosian")
+    np.testing.assert_array_equal(got, schlick(-cosine, 0.999, versine=small))
+
+
 # --- the sphere ---------------------------------------------------------------------------------------
 
 

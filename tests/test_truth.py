@@ -504,13 +504,33 @@ def test_rays_at_a_limit_are_flagged():
     ({"rtol": 1e-15}, "rtol: is 1e-15, must be"),
     ({"rtol": math.nan}, "rtol: is nan"),
     ({"shadows": "map"}, "shadows: is 'map'"),
+    ({"rtol": None}, "rtol: is None, must be a number"),
+    ({"rtol": "x"}, "rtol: is 'x', must be a number"),
+    ({"shadows": None}, "shadows: is None; must be one of off, exact"),
+    ({"shadows": True}, "shadows: is True; must be one of off, exact"),
+    ({"volumetric_shadows": "off"}, "volumetric_shadows: is 'off', must be true or false"),
+    ({"limit_rounds": -1}, "limit_rounds: is -1, must be a whole number, at least 0"),
+    ({"limit_intervals": 0}, "limit_intervals: is 0, must be a whole number, at least 1"),
+    ({"limit_intervals": 1.5}, "limit_intervals: is 1.5, must be a whole number"),
+    ({"threads": 0}, "threads: is 0, must be a whole number, at least 1"),
     ({"sun_distance": 0.0}, "sun_distance: is 0, must be above 0 m"),
-    ({"ends": [math.inf]}, "ends: must be finite"),
-    ({"ends": [-1.0]}, "ends: must be finite"),
-    ({"starts": 3.0}, "ends: must be finite and not below starts"),
+    ({"sun_distance": "far"}, "sun_distance: is 'far', must be a number"),
+    ({"ends": [math.inf]}, "ends: must be finite, from 0 to 1e+14 m"),
+    ({"ends": [-1.0]}, "ends: must be finite, from 0 to 1e+14 m"),
+    ({"ends": [1e300]}, "ends: must be finite, from 0 to 1e+14 m"),
+    ({"ends": [[1.0]]}, "ends: has shape (1, 1), must be (1,) for 1 rays, or one number"),
+    ({"ends": "far"}, "ends: is not an array"),
+    ({"starts": 3.0}, "ends: has a distance below starts"),
+    ({"starts": math.nan}, "starts: must be finite, from 0"),
+    ({"starts": [0.0, 0.0], "ends": [1.0, 2.0, 3.0]}, "starts: has shape (2,), must be (3,) for 3 rays"),
     ({"directions": [[0.0]] * 3}, "directions: has a zero vector"),
-    ({"origins": [[math.nan]] * 3}, "origins: has shape"),
-    ({"origins": [0.0, 0.0]}, "origins: has shape"),
+    ({"directions": [[math.inf]] * 3}, "directions: has a component that is not finite"),
+    ({"directions": np.zeros((5, 3))}, "directions: has shape (5, 3), must be (3, N): rows x, y, z, one column a ray"),
+    ({"directions": np.ones((3, 2)), "ends": [1.0] * 4}, "directions: has shape (3, 2), must be (3, 4) for 4 rays"),
+    ({"origins": [[math.nan]] * 3}, "origins: has a component that is not finite"),
+    ({"origins": [[1e11]] * 3}, "origins: has a component beyond 1e+10 m"),
+    ({"origins": [0.0, 0.0]}, "origins: has shape (2,), must be (3, N)"),
+    ({"origins": [[0.0], [0.0, 1.0], [0.0]]}, "origins: is not an array"),
 ])
 def test_bad_input_is_one_line(change, message):
     options = {"origins": [[0.0]] * 3, "directions": [[0.0], [0.0], [-1.0]], "ends": [2.0]} | change
@@ -518,6 +538,30 @@ def test_bad_input_is_one_line(change, message):
         trace(HALL, **options)
     assert str(caught.value).startswith(message)
     assert "\n" not in str(caught.value)
+
+
+def test_bad_depths_are_one_line():
+    ray = ([[0.0]] * 3, [[0.0], [0.0], [-1.0]])
+    for ends, message in (([1.0], "ends: has shape (1,), must be (K, N)"),
+                          ([[2.0], [1.0]], "ends: decreases along its first axis"),
+                          ([[math.nan]], "ends: must be finite")):
+        with pytest.raises(InputError) as caught:
+            trace_depths(HALL, *ray, ends)
+        assert str(caught.value).startswith(message)
+    with pytest.raises(InputError, match=r"^ends: has shape \(2, 1\), must be \(K, 5\) for 5 rays"):
+        trace_depths(HALL, np.zeros((3, 5)), ray[1], [[1.0], [2.0]])
+
+
+def test_numbers_broadcast_and_directions_have_any_length():
+    origins, d, _ = rays(81, 6)
+    want = trace(HALL, origins, d, np.full(6, 7.0), starts=np.full(6, 1.0), threads=1)
+    for size in (1e200, 1e-200, 5e-300):
+        got = trace(HALL, origins, size * d, 7.0, starts=1, threads=1)
+        assert got.radiance.shape == (3, 6)
+        np.testing.assert_allclose(got.radiance, want.radiance, rtol=1e-12)
+    fan = trace(HALL, origins[:, :1], d[:, :1], np.linspace(1.0, 7.0, 6), starts=[1.0], threads=1)
+    assert fan.radiance[:, -1] == pytest.approx(want.radiance[:, 0], rel=1e-4)
+    assert trace(HALL, np.zeros((3, 0)), np.zeros((3, 0)), np.zeros(0)).radiance.shape == (3, 0)
 
 
 @pytest.mark.parametrize("extinction", [0.0, 5e-324, 1e-8, 1e4, 1e8, 1e12])
