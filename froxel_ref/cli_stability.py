@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
+
+from froxel_ref.cli_progress import progress
 
 if TYPE_CHECKING:
     from froxel_ref.stability import Measure
-
-Progress: TypeAlias = Callable[[str, int, int], None]
 
 __all__ = ["EXAMPLES", "add_options", "run_stability"]
 
@@ -35,8 +34,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                         help="random inputs per kernel (default: 400)")
 
 
-def run_stability(args: argparse.Namespace, progress: Callable[[], AbstractContextManager[Progress]],
-                  table: Callable[[Sequence[Sequence[str]], str], None]) -> None:
+def run_stability(args: argparse.Namespace, table: Callable[[Sequence[Sequence[str]], str], None]) -> None:
     """Measure, write, print the table of what must hold and of what fails."""
     from froxel_ref.records import InputError, shown
     from froxel_ref.stability import kernels
@@ -47,7 +45,7 @@ def run_stability(args: argparse.Namespace, progress: Callable[[], AbstractConte
     chosen = kernels(args.kernel)
     folder = Path(args.output or "stability")
     check_target(folder, force=args.force)  # again when the folder is made: this one saves the wait
-    with progress() as tell:
+    with progress("kernels") as tell:
         report = write_report(chosen, folder, samples=int(args.samples), force=args.force, progress=tell)
     head = ("kernel", "form", "precision", "worst ulp", "mean", "condition", "worst, cond < 4", "verdict")
     table([head, *map(_row, report.measures)], "lllrrrrl")
@@ -55,9 +53,5 @@ def run_stability(args: argparse.Namespace, progress: Callable[[], AbstractConte
 
 
 def _row(row: Measure) -> tuple[str, ...]:
-    faults = [f"{count} {name}" for count, name in (
-        (row.not_a_number, "NaN"), (row.infinite, "infinite"), (row.negative, "negative"),
-        (row.above, "above the bound"), (row.rising, "rises")) if count]
-    return (row.kernel, row.form, row.precision, f"{row.worst:.3g}", f"{row.mean:.3g}",
-            f"{row.condition:.2g}",
-            f"{row.worst_well:.3g}", ", ".join(faults) or "sound")
+    return (row.kernel, row.form, row.precision, f"{row.worst:.3g}", f"{row.mean:.3g}", f"{row.condition:.2g}",
+            f"{row.worst_well:.3g}", f"{row.verdict}: {row.reason}" if row.reason else row.verdict)
