@@ -291,10 +291,10 @@ def _scenes(args: argparse.Namespace) -> None:
 
 def _render(args: argparse.Namespace) -> None:
     from froxel_ref.image_files import image_writer
-    from froxel_ref.output import whole_file
+    from froxel_ref.output import output_path, whole_file
 
     loaded = _load(args)
-    path = Path(args.output or f"{Path(args.scene).stem}.png")
+    path = output_path(args.output, f"{Path(args.scene).stem}.png")
     write = image_writer(path)
     with progress("stages") as tell, whole_file(path, force=args.force) as partial:
         frame = _run(loaded, ["apply/radiance"], tell)
@@ -305,14 +305,13 @@ def _render(args: argparse.Namespace) -> None:
 def _golden(args: argparse.Namespace) -> None:
     from froxel_ref.frame import estimate_bytes, plan
     from froxel_ref.golden import check_target, write_golden
-    from froxel_ref.output import check_space
+    from froxel_ref.output import check_space, output_path
 
     loaded = _load(args)
-    folder = Path(args.output or f"golden-{Path(args.scene).stem}")
+    folder = output_path(args.output, f"golden-{Path(args.scene).stem}")
     check_target(folder, force=args.force)  # again when the folder is made: this one saves the wait
     plan(loaded.scene, loaded.settings)
-    if folder.absolute().parent.is_dir():
-        check_space(folder.absolute().parent, estimate_bytes(loaded.scene, loaded.settings), target=folder)
+    check_space(folder.absolute().parent, estimate_bytes(loaded.scene, loaded.settings), target=folder)
     with progress("steps") as tell:
         frame = _run(loaded, None, tell)
         golden = write_golden(frame, loaded, folder, force=args.force, progress=tell)

@@ -13,7 +13,7 @@ import numpy as np
 
 import froxel_ref
 from froxel_ref.image_files import write_png
-from froxel_ref.output import check_folder, whole_folder
+from froxel_ref.output import check_folder, read_manifest, whole_folder
 from froxel_ref.records import InputError
 from froxel_ref.stability import Kernel, examine
 from froxel_ref.stability_html import page
@@ -74,11 +74,11 @@ def check_target(folder: Path, *, force: bool) -> None:
 def _foreign(folder: Path) -> str | None:
     """Something in the folder that no report there speaks of."""
     known: set[str] = set()
+    report = read_manifest(folder / JSON, FORMAT)
     try:
-        report = json.loads((folder / JSON).read_text(encoding="utf-8"))
-        if report["format"] == FORMAT:
+        if report:
             known = {CSV, JSON, PAGE} | {str(kernel["picture"]) for kernel in report["kernels"]}
-    except (OSError, ValueError, TypeError, KeyError):
+    except (TypeError, KeyError):
         pass
     return next((path.name for path in sorted(folder.iterdir()) if path.name not in known), None)
 

@@ -503,7 +503,9 @@ def test_a_report_is_replaced_by_force_only(tmp_path: Path, capsys):
 
 
 @pytest.mark.parametrize(("arguments", "says"), [
-    (["--kernel", "slice_integrel"], "did you mean 'slice_integral'?"), (["--kernel", ""], "kernel: is ''"),
+    (["--kernel", "slice_integrel"], "did you mean 'slice_integral'"), (["--kernel", ""], "--kernel: is ''"),
+    (["--kernel", "hg"], "--kernel: is 'hg'; did you mean 'henyey_greenstein'? froxel-ref stability --list names all"),
+    (["--kernel", "zzz"], "--kernel: is 'zzz'; froxel-ref stability --list names all"), (["-o", ""], "output: is ''"),
     (["--samples", "1"], "--samples: is '1'"), (["--samples", "many"], "--samples: is 'many'"),
     (["--samples", "²"], "--samples"), (["-o", "missing/folder"], "its folder does not exist"),
     (["-o", "taken"], "is a file, must be a folder"), (["--kernell", "x"], "unrecognized")])
@@ -516,6 +518,14 @@ def test_bad_input_is_one_line(arguments, says, tmp_path, monkeypatch, capsys):
     assert says in err
     assert len(err.splitlines()) == 1
     assert [p.name for p in tmp_path.iterdir()] == ["taken"]
+
+
+def test_the_kernels_are_listed(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["stability", "--list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == ["kernel", *NAMES]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_interruption_leaves_nothing(tmp_path, monkeypatch):
