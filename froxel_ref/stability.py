@@ -74,8 +74,8 @@ class Outcome(NamedTuple):
     ulps, relative : ndarray
         As `errors_in_ulp`.
     faults : dict of str to ndarray of bool
-        By the names in `FAULTS`, which results must not be. Rises are those of the map alone. Infinity is no
-        fault within 8·(1 + condition number) roundings of the largest number.
+        By the names in `FAULTS`, which results must not be. Rises are those of the map alone. Infinity within
+        8·(1 + condition number) roundings of the largest number counts as beyond the type.
     """
 
     results: Field
@@ -283,16 +283,15 @@ def judge(kernel: Kernel, form: str, precision: str, tried: Trial) -> Outcome:
     """
     results = run_form(kernel, form, tried.inputs, precision)
     ulps, relative = errors_in_ulp(results, tried.exact)
-    within = ~np.isnan(ulps)
-    excused = np.isinf(results) & within
-    if excused.any():  # what inputs so ill-conditioned may turn into infinity is none of the form's doing
+    infinite = np.isinf(results) & ~np.isnan(ulps)
+    if infinite.any():  # what inputs so ill-conditioned may turn into infinity is none of the form's doing
         computed = float(np.finfo(PRECISIONS[precision][0]).eps)
         reach = 1.0 + SOUND_ULP * computed * (1.0 + tried.condition)
-        largest = float(np.finfo(results.dtype).max)
-        excused &= np.array([abs(value) for value in tried.exact], dtype=object) * reach >= largest
+        sizes = np.array([abs(value) for value in tried.exact], dtype=object) * reach
+        ulps[infinite & (sizes >= float(np.finfo(results.dtype).max))] = math.nan
+    within = ~np.isnan(ulps)
     return Outcome(results, ulps, relative, {
-        "not_a_number": np.isnan(results), "infinite": np.isinf(results) & within & ~excused,
-        "negative": results < 0.0,
+        "not_a_number": np.isnan(results), "infinite": np.isinf(results) & within, "negative": results < 0.0,
         "above": _above(kernel, tried.inputs, results) & within & np.isfinite(results),
         "rising": _rising(kernel, tried.chart, results)})
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 import zlib
 from typing import Any, NamedTuple, TypeAlias
 
@@ -203,13 +204,24 @@ def axis(parameter: Parameter, count: int, precision: str) -> Axis:
     label = parameter.name if parameter.unit == "1" else f"{parameter.name} [{parameter.unit}]"
     if parameter.kind == "choice":
         known = np.array(sorted(parameter.extremes))
-        ticks = tuple(((i + 0.5) / len(known), f"{v:g}") for i, v in enumerate(known.tolist()))
+        ticks = tuple(((i + 0.5) / len(known), _brief(v)) for i, v in enumerate(known.tolist()))
         return Axis(known, parameter.kind, label, ticks)
     if parameter.kind == "linear":
         ends = parameter.low, parameter.high
         return Axis(np.linspace(*ends, count), parameter.kind, label,
                     ((0.0, f"{ends[0]:g}"), (1.0, f"{ends[1]:g}")))
     return (_magnitudes if parameter.kind == "magnitude" else _towards_one)(parameter, count, precision, label)
+
+
+def _brief(value: float) -> str:
+    """A number in few characters; what is next to 1 by its distance from there.
+
+    >>> _brief(1e-09), _brief(1e22), _brief(1.0 - 2.0**-20), _brief(0.125)
+    ('1e-9', '1e22', '1-9.5e-7', '0.125')
+    """
+    gap = 1.0 - abs(value)
+    words = f"1-{gap:.2g}" if 0.0 < gap < 1e-4 and value > 0.0 else f"{value:.3g}"
+    return re.sub(r"e([+-])0?", lambda sign: "e" + sign[1].strip("+"), words)
 
 
 def _towards_one(parameter: Parameter, count: int, precision: str, label: str) -> Axis:
@@ -252,8 +264,8 @@ def _magnitudes(parameter: Parameter, count: int, precision: str, label: str) ->
         return (first + 0.5 + (mark - start) / (end - start) * (count - 1)) / cells
 
     # Single cells are too narrow for all their numbers: the outermost ones say what kind they are.
-    ticks = [(0.5 / cells, f"{below[0]:.2g}")] if first else []
-    ticks += [(1.0 - 0.5 / cells, f"{above[-1]:.2g}".replace("e+", "e"))] if len(above) else []
+    ticks = [(0.5 / cells, _brief(below[0]))] if first else []
+    ticks += [(1.0 - 0.5 / cells, _brief(above[-1]))] if len(above) else []
     marks = range(math.ceil(start / step) * step, math.floor(end + 1e-9) + 1, step)
     ticks += [(place(m), f"1e{m}" if m else "1") for m in marks]
     lines = ((first / cells,) if first else ()) + ((1.0 - len(above) / cells,) if len(above) else ())
