@@ -33,7 +33,8 @@ th button:focus-visible{outline:2px solid}
 th[aria-sort=ascending] button::after{content:" \\2191"}
 th[aria-sort=descending] button::after{content:" \\2193"}
 .fails{color:var(--fails)}.inexact{color:var(--inexact)}.sound{color:var(--sound)}
-td span{white-space:nowrap}td b{display:block}td small{display:block;font-size:12px;min-width:9.5em}.faint,td small{color:var(--faint)}
+td span{white-space:nowrap}td b{display:block}td small{display:block;font-size:12px;min-width:9.5em}
+.faint,td small{color:var(--faint)}
 tr:target td,tr.first td{border-top:1px solid var(--faint)}
 summary{cursor:pointer;color:var(--faint)}details[open] summary{margin-bottom:.3em}
 .few tr.ok{display:none}label{display:block;margin:1em 0 .4em}
