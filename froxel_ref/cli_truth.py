@@ -115,8 +115,8 @@ def run_truth(args: argparse.Namespace, load: Callable[[Any], Loaded]) -> None:
         found = write_truth(partial, image, frame, loaded, options)
     for line in _summary(image, options):
         print(line)
-    print(f"{_frame(frame)}: RMS difference {found.rms:.1e} of the mean radiance, worst {found.worst:.1e} at "
-          f"pixel x {found.pixel[0]}, y {found.pixel[1]}")
+    print(f"{_frame(frame)}: half of the pixels within {found.median:.1e} of the truth, worst {found.worst:.1e} at "
+          f"pixel x {found.pixel[0]}, y {found.pixel[1]}; RMS difference {found.rms:.1e} of the mean radiance")
     print(folder / CONTACT_SHEET)
 
 

@@ -130,7 +130,9 @@ def _manifest(image: TruthImage, loaded: Loaded, options: Options, found: Differ
         "input_files": checksums(loaded.scene, loaded.folder), "truth": options._asdict(),
         "pixels": int(image.converged.size), "unconverged": int((~image.converged).sum()),
         "frame_against_truth": {
-            "about": "the frame of the same input: root mean square difference over the mean radiance; largest "
-                     "difference of a channel over the pixel's brightest, and that pixel's column and row",
-            "rms": rms, "worst": found.worst, "pixel": list(found.pixel)},
+            "about": "the frame of the same input. Of the largest difference of a channel over the pixel's brightest: "
+                     "median, worst, and that pixel's column and row; root mean square difference over the mean "
+                     "radiance",
+            "median": found.median if np.isfinite(found.median) else str(found.median), "rms": rms,
+            "worst": found.worst, "pixel": list(found.pixel)},
         "pictures": list(PICTURES)}

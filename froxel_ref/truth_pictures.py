@@ -33,8 +33,10 @@ class Difference(NamedTuple):
     ----------
     relative : ndarray, shape (h, w) [1]
         Largest difference of a channel over the truth's brightest channel; infinite where that is black.
+    median : float [1]
+        Of the relative differences.
     rms : float [1]
-        Root mean square difference over the mean radiance.
+        Root mean square difference over the mean radiance: what the brightest few pixels make of it.
     worst : float [1]
         The largest finite relative difference.
     pixel : tuple of int
@@ -42,6 +44,7 @@ class Difference(NamedTuple):
     """
 
     relative: Array
+    median: float
     rms: float
     worst: float
     pixel: tuple[int, int]
@@ -79,7 +82,7 @@ def difference(radiance: Array, truth: Array) -> Difference:
     row, column = np.unravel_index(int(np.argmax(finite)), finite.shape)
     with np.errstate(over="ignore"):
         rms = math.sqrt(float((away * away).mean()))
-    return Difference(relative, rms / mean if mean > 0.0 else (math.inf if rms else 0.0),
+    return Difference(relative, float(np.quantile(relative, 0.5, method="lower")), rms / mean if mean > 0.0 else (math.inf if rms else 0.0),
                       max(0.0, float(finite[row, column])), (int(column), int(row)))
 
 
@@ -190,8 +193,8 @@ def overview(image: TruthImage, frame: Array, view: View, *, title: str, facts: 
     """
     found = difference(frame, image.radiance)
     scale = _range(found.relative)
-    away = (f"RMS {found.rms:.2g} of the mean radiance; worst {found.worst:.2g} at pixel x {found.pixel[0]}, "
-            f"y {found.pixel[1]}")
+    away = (f"median {found.median:.2g}; worst {found.worst:.2g} at pixel x {found.pixel[0]}, y {found.pixel[1]}; "
+            f"RMS {found.rms:.2g} of the mean radiance")
     cells = [_cell(final_image(image.radiance, view), "truth", facts),
              _cell(final_image(frame, view), "frame", frame_facts),
              _cell(_painted(found.relative, *scale), "|frame - truth| / truth", away, scale), _error_cell(image)]

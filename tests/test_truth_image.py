@@ -210,7 +210,7 @@ def test_a_difference_by_hand():
     frame = truth + np.array([[[0.5, -1.0], [0.0, 3.0]], [[0.0, 0.0], [0.0, 0.0]], [[0.0, 2.0], [0.0, 0.0]]])
     found = difference(frame, truth)
     np.testing.assert_array_equal(found.relative, [[0.5, 0.5], [0.0, np.inf]])
-    assert (found.worst, found.pixel) == (0.5, (0, 0))
+    assert (found.worst, found.pixel, found.median) == (0.5, (0, 0), 0.5)
     assert found.rms == pytest.approx(math.sqrt((0.25 + 1 + 9 + 4) / 12) / 1.25, rel=1e-14)
 
 
