@@ -21,13 +21,14 @@ if TYPE_CHECKING:
     from froxel_ref.scene import Scene
     from froxel_ref.scene_files import load
     from froxel_ref.settings import Settings
+    from froxel_ref.truth import trace
 
 __version__ = "0.1.0"
-__all__ = ["InputError", "Scene", "Settings", "__version__", "load", "load_assets", "plan", "run_frame"]
+__all__ = ["InputError", "Scene", "Settings", "__version__", "load", "load_assets", "plan", "run_frame", "trace"]
 
 _HOMES = {
     "InputError": "records", "Scene": "scene", "Settings": "settings", "load": "scene_files",
-    "load_assets": "assets", "plan": "frame", "run_frame": "frame",
+    "load_assets": "assets", "plan": "frame", "run_frame": "frame", "trace": "truth",
 }
 
 

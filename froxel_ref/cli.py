@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from froxel_ref import __version__, cli_stability, cli_truth
+from froxel_ref.cli_progress import Progress, progress
 from froxel_ref.records import InputError, shown
 
 if TYPE_CHECKING:
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     from froxel_ref.scene_files import Loaded
 
 __all__ = ["main"]
-
-Progress = Callable[[str, int, int], None]
 
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # by name: not every system has them all
 GRACE = 2.0  # seconds in which further signals are part of the first
@@ -275,23 +274,6 @@ def _run(loaded: Loaded, outputs: list[str] | None, progress: Progress) -> Frame
     return run_frame(loaded.scene, loaded.settings, assets=assets, outputs=outputs, progress=progress)
 
 
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    """A bar on standard error, if that is a terminal."""
-    if sys.stderr is None:
-        yield lambda name, index, count: None
-        return
-    from tqdm import tqdm
-
-    layout = "{desc:<32} {bar} {n}/{total}"
-    with tqdm(total=0, file=sys.stderr, disable=None, leave=False, bar_format=layout) as bar:
-        def tell(name: str, index: int, count: int) -> None:
-            bar.total, bar.n = count, index
-            bar.set_description_str(name)
-
-        yield tell
-
-
 # --- commands ---------------------------------------------------------------------------------------
 
 
@@ -309,13 +291,13 @@ def _scenes(args: argparse.Namespace) -> None:
 
 def _render(args: argparse.Namespace) -> None:
     from froxel_ref.image_files import image_writer
-    from froxel_ref.output import whole_file
+    from froxel_ref.output import output_path, whole_file
 
     loaded = _load(args)
-    path = Path(args.output or f"{Path(args.scene).stem}.png")
+    path = output_path(args.output, f"{Path(args.scene).stem}.png")
     write = image_writer(path)
-    with _progress() as progress, whole_file(path, force=args.force) as partial:
-        frame = _run(loaded, ["apply/radiance"], progress)
+    with progress("stages") as tell, whole_file(path, force=args.force) as partial:
+        frame = _run(loaded, ["apply/radiance"], tell)
         write(partial, frame)
     print(path)
 
@@ -323,17 +305,16 @@ def _render(args: argparse.Namespace) -> None:
 def _golden(args: argparse.Namespace) -> None:
     from froxel_ref.frame import estimate_bytes, plan
     from froxel_ref.golden import check_target, write_golden
-    from froxel_ref.output import check_space
+    from froxel_ref.output import check_space, output_path
 
     loaded = _load(args)
-    folder = Path(args.output or f"golden-{Path(args.scene).stem}")
+    folder = output_path(args.output, f"golden-{Path(args.scene).stem}")
     check_target(folder, force=args.force)  # again when the folder is made: this one saves the wait
     plan(loaded.scene, loaded.settings)
-    if folder.absolute().parent.is_dir():
-        check_space(folder.absolute().parent, estimate_bytes(loaded.scene, loaded.settings), target=folder)
-    with _progress() as progress:
-        frame = _run(loaded, None, progress)
-        golden = write_golden(frame, loaded, folder, force=args.force, progress=progress)
+    check_space(folder.absolute().parent, estimate_bytes(loaded.scene, loaded.settings), target=folder)
+    with progress("steps") as tell:
+        frame = _run(loaded, None, tell)
+        golden = write_golden(frame, loaded, folder, force=args.force, progress=tell)
     rows = [("stage", "arrays", "MB", "seconds", "")]
     for entry in golden.manifest["stages"]:
         files = [a["file"] for a in golden.manifest["arrays"] if a["name"].startswith(entry["name"] + "/")]
@@ -348,8 +329,8 @@ def _golden(args: argparse.Namespace) -> None:
 
 def _explain(args: argparse.Namespace) -> None:
     loaded = _load(args)
-    with _progress() as progress:
-        frame = _run(loaded, None, progress)
+    with progress("stages") as tell:
+        frame = _run(loaded, None, tell)
     facts = _facts(frame)
     if args.json:
         print(json.dumps(facts, indent=2))
@@ -396,7 +377,7 @@ def _truth(args: argparse.Namespace) -> None:
 
 
 def _stability(args: argparse.Namespace) -> None:
-    cli_stability.run_stability(args, _progress, _table)
+    cli_stability.run_stability(args, _table)
 
 
 def _schema(args: argparse.Namespace) -> None:

@@ -1,32 +1,36 @@
-"""The command ``froxel-ref truth``: the converged image of a scene, its error estimate and a picture."""
+"""The command ``froxel-ref truth``: parsing and printing only."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from froxel_ref.cli_progress import progress
 from froxel_ref.records import InputError, shown
 
 if TYPE_CHECKING:
+    from froxel_ref.frame import Frame
     from froxel_ref.scene_files import Loaded
+    from froxel_ref.truth_files import Options
     from froxel_ref.truth_image import TruthImage
 
 __all__ = ["EXAMPLES", "add_options", "run_truth"]
 
 EXAMPLES = """\
-Writes a folder with radiance.npy (height, width, 3), error.npy (the estimated absolute error of each
-value), converged.npy and radiance.png; the picture's path is the last line printed. Rays that did not
-reach the tolerance are counted, and are false in converged.npy.
+Writes a folder with .npy arrays in GPU order (height, width, channel): radiance, error (the estimated
+absolute error of each value), fog_radiance, fog_transmittance, converged, evaluations; manifest.json; and
+pictures: radiance.png, error.png, and contact_sheet.png with the frame of the same scene beside it, whose path
+is the last line printed. Rays that did not reach the tolerance are counted, and are false in converged.npy.
+The truth is always float64 and has no froxels: --grid's sizes and --precision are those of the frame.
 
 examples:
   froxel-ref truth two-volumes
   froxel-ref truth thesis-hall --size 160x90 --shadows exact --rtol 1e-3 -o hall
   froxel-ref truth lights --size 64x36 --volumetric-shadows --filter box
 """
-FILES = ("radiance.npy", "error.npy", "converged.npy", "radiance.png")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -41,26 +45,38 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                         help="centre of each pixel (default), or box: 49 rays a pixel")
 
 
-def _tolerance(text: str) -> float:
+def _options(args: argparse.Namespace) -> Options:
+    """What was typed, or a fault that names the option."""
+    from froxel_ref.truth import SHADOWS, check_options
+    from froxel_ref.truth_files import Options
+    from froxel_ref.truth_image import FILTERS
+
+    if not re.fullmatch(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]{1,4})?", args.rtol):
+        raise InputError("--rtol", f"is {shown(args.rtol)}, must be a number such as 1e-4")
+    for option, word, known in (("--shadows", args.shadows, SHADOWS), ("--filter", args.filter, FILTERS)):
+        if word not in known:
+            raise InputError(option, f"is {shown(word)}, must be {' or '.join(known)}")
+    options = Options(float(args.rtol), args.shadows, args.volumetric_shadows, args.filter)
     try:
-        return float(text)
-    except ValueError:
-        raise InputError("--rtol", f"is {shown(text)}, must be a number such as 1e-4") from None
+        check_options(options.rtol, options.shadows, 1.0)
+    except InputError as error:
+        raise InputError("--rtol", error.problem) from None
+    return options
 
 
-def _check_target(folder: Path, force: bool) -> None:
-    """Refuse a place that holds anything but an earlier result of this command."""
-    name = shown(str(folder))
-    if not folder.exists():
-        return
-    if not folder.is_dir():
-        raise InputError("output", f"{name} is a file, must be a folder")
-    foreign = sorted(path.name for path in folder.iterdir() if path.name not in FILES)
-    if foreign:
-        raise InputError("output", f"{name} holds {shown(foreign[0])}, which is not of a truth, must be "
-                                   "empty or hold an earlier one")
-    if not force:
-        raise InputError("output", f"{name} exists; give --force to replace it")
+def _check_scene(loaded: Loaded, options: Options, name: str) -> None:
+    from froxel_ref.frame import plan
+    from froxel_ref.truth_image import check_filter, check_integrable
+
+    try:
+        check_integrable(loaded.scene, loaded.settings)
+    except InputError as error:
+        raise InputError(error.place, f"{error.problem}; to see its surfaces: froxel-ref render {name}") from None
+    try:
+        check_filter(loaded.scene, options.filter)
+    except InputError as error:
+        raise InputError("--filter", error.problem) from None
+    plan(loaded.scene, loaded.settings, ["apply/radiance"])  # refuses a frame beyond the memory
 
 
 def run_truth(args: argparse.Namespace, load: Callable[[Any], Loaded]) -> None:
@@ -79,61 +95,50 @@ def run_truth(args: argparse.Namespace, load: Callable[[Any], Loaded]) -> None:
         Anything wrong with the input or the output.
     """
     from froxel_ref.assets import load_assets
-    from froxel_ref.output import whole_folder
-    from froxel_ref.truth import check_options
-    from froxel_ref.truth_image import check_integrable, render_truth
+    from froxel_ref.frame import run_frame
+    from froxel_ref.output import output_path, whole_folder
+    from froxel_ref.truth_files import CONTACT_SHEET, check_target, write_truth
+    from froxel_ref.truth_image import render_truth
 
-    rtol = _tolerance(args.rtol)
-    check_options(rtol, args.shadows, 1.0)
-    loaded = load(args)
-    check_integrable(loaded.scene, loaded.settings)
-    folder = Path(args.output or f"truth-{Path(args.scene).stem}")
-    whole = whole_folder(folder, lambda target: _check_target(target, args.force))
-    with whole as partial, _bar() as progress:
-        image = render_truth(
-            loaded.scene, loaded.settings, assets=load_assets(loaded.scene, loaded.folder), rtol=rtol,
-            shadows=args.shadows, volumetric_shadows=args.volumetric_shadows, pixel_filter=args.filter,
-            progress=progress)
-        _write(partial, image, loaded)
-    print(_summary(image))
-    print(folder / "radiance.png")
+    options, loaded = _options(args), load(args)
+    _check_scene(loaded, options, args.scene)
+    folder = output_path(args.output, f"truth-{Path(args.scene).stem}")
+    check_target(folder, force=args.force)
+    assets = load_assets(loaded.scene, loaded.folder)
+    with whole_folder(folder, lambda target: check_target(target, force=args.force)) as partial:
+        frame = run_frame(loaded.scene, loaded.settings, assets=assets, outputs=["apply/radiance"])
+        with progress("rays") as tell:
+            image = render_truth(
+                loaded.scene, loaded.settings, assets=assets, rtol=options.rtol, shadows=options.shadows,
+                volumetric_shadows=options.volumetric_shadows, pixel_filter=options.filter,
+                progress=lambda done, count: tell("", done, count))
+        found = write_truth(partial, image, frame, loaded, options)
+    for line in _summary(image, options):
+        print(line)
+    print(f"{_frame(frame)}: half of the pixels within {found.median:.1e} of the truth, worst {found.worst:.1e} at "
+          f"pixel x {found.pixel[0]}, y {found.pixel[1]}; RMS difference {found.rms:.1e} of the mean radiance")
+    print(folder / CONTACT_SHEET)
 
 
-def _write(folder: Path, image: TruthImage, loaded: Loaded) -> None:
+def _frame(frame: Frame) -> str:
+    grid = frame.settings.grid
+    return f"frame ({grid.width} x {grid.height} x {grid.depth} froxels, {frame.settings.precision})"
+
+
+def _summary(image: TruthImage, options: Options) -> list[str]:
+    """How the rays did, and the filter."""
     import numpy as np
 
-    from froxel_ref.image_files import write_png
-    from froxel_ref.pictures import View, final_image
+    def largest(part: Any, whole: Any) -> float:
+        return float(np.divide(part, whole, out=np.zeros_like(part), where=whole > 0.0).max())
 
-    for name, planes in (("radiance", image.radiance), ("error", image.error)):
-        np.save(folder / f"{name}.npy", np.ascontiguousarray(np.moveaxis(planes, 0, -1)).astype("<f8"))
-    np.save(folder / "converged.npy", image.converged)
-    camera = loaded.scene.camera
-    exposure = 1.0 if loaded.settings.exposure == "lighting" else camera.exposure
-    view = View(camera, loaded.settings.grid, exposure)
-    write_png(folder / "radiance.png", final_image(image.radiance, view))
-
-
-def _summary(image: TruthImage) -> str:
-    import numpy as np
-
-    fog = image.fog_radiance
-    relative = np.divide(image.error, fog, out=np.zeros_like(fog), where=fog > 0.0)
-    share, count = float(image.converged.mean()), int(image.converged.size)
-    return (f"{share:.2%} of {count} pixels converged, largest estimated error {relative.max():.1e} of the "
-            f"fog's radiance, {image.evaluations.mean():.0f} evaluations a pixel")
-
-
-@contextmanager
-def _bar() -> Iterator[Callable[[int, int], None]]:
-    """A bar on standard error, if that is a terminal."""
-    import sys
-
-    from tqdm import tqdm
-
-    with tqdm(total=0, file=sys.stderr, disable=None, leave=False, unit="ray", unit_scale=True) as bar:
-        def tell(done: int, count: int) -> None:
-            bar.total, bar.n = count, done
-            bar.refresh()
-
-        yield tell
+    count, missed = int(image.converged.size), int((~image.converged).sum())
+    reached = f"{missed} of {count} pixels did not" if missed else f"all {count} pixels did"
+    rays = largest(image.error - image.filter_error, image.fog_radiance)
+    lines = [f"rays: to reach {options.rtol:g}, {reached}; largest estimated error {rays:.1e} of the fog's radiance; "
+             f"{image.evaluations.mean():.0f} evaluations a pixel"]
+    if options.filter == "box":
+        beyond = int((image.filter_error > options.rtol * image.radiance).any(axis=0).sum())
+        lines.append(f"filter: {beyond} of {count} pixels exceed {options.rtol:g}, where edges cross them; largest "
+                     f"estimated error {largest(image.filter_error, image.radiance):.1e} of the pixel's radiance")
+    return lines

@@ -4,6 +4,7 @@
   transfer function. Except for the final image, what this would leave black is exposed further, by a
   power of two that its label names;
 - *reflectance* (albedo): the sRGB transfer function alone;
+- *stretched* (albedo of media, which is much alike): as reflectance, of its share of the range;
 - *colour* (RGB scattering, emission, extinction): linear from 0 to the largest value, then sRGB;
 - *unit* (transmittance): grey, linear from 0 to 1 in display values, so that ½ looks half as bright;
 - *normal*: ½ + ½n;
@@ -259,6 +260,8 @@ class Display(NamedTuple):
                 return to_srgb8(np.broadcast_to(values, (3, *values.shape[1:])), self.exposure)
             if self.kind == "normal":
                 return _quantise(np.clip(0.5 + 0.5 * values, 0.0, 1.0))
+            if self.kind == "stretched":
+                return _quantise(srgb_transfer((values - self.low) / (self.high - self.low)))
             if self.kind == "reflectance" or (self.kind != "unit" and values.shape[0] == 3):
                 scale = 1.0 if self.kind == "reflectance" else 1.0 / max(self.high, 1e-300)
                 return _quantise(srgb_transfer(np.broadcast_to(values * scale, (3, *values.shape[1:]))))
@@ -293,7 +296,11 @@ class Display(NamedTuple):
         span = f"{self.low:.4g} to {self.high:.4g}"
         if self.kind == "radiance":
             return f"peak {self.high:.4g}, exposure x{self.exposure:.4g}, tone-mapped"
-        if self.kind in ("normal", "reflectance", "unit"):
+        if self.kind == "stretched":
+            return f"{self.low:.4g} (black) to {self.high:.4g} (white) in each channel"
+        if self.kind in ("colour", "reflectance"):
+            return f"{span} in each channel"
+        if self.kind in ("normal", "unit"):
             return span
         if self.kind == "span":
             return f"{span} and beyond"
@@ -334,6 +341,8 @@ def display_for(name: str, values: Field, exposure: float = 1.0) -> Display:
         # A floor that runs to the horizon would take the scale from everything near.
         near = float(np.quantile(values[finite], 0.9)) if finite.any() else high
         return Display(kind, max(low, 1e-6), max(min(high, 2.0 * near), 1e-6), 1.0)
+    if name == "media/albedo" and low < high:
+        return Display("stretched", low, high, 1.0)
     if kind == "unit":
         return Display(kind, low, high, 1.0)
     if kind == "span" and finite.any():

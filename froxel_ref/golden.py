@@ -23,7 +23,7 @@ from froxel_ref import __version__, pictures
 from froxel_ref.arrays import Field
 from froxel_ref.assets import checksums
 from froxel_ref.image_files import write_png
-from froxel_ref.output import check_folder, check_space, whole_folder
+from froxel_ref.output import check_folder, check_space, read_manifest, whole_folder
 from froxel_ref.scene import Camera
 from froxel_ref.scene_files import Loaded, document
 from froxel_ref.settings import SWITCHES, Grid
@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from froxel_ref.frame import Frame
 
 __all__ = [
-    "CONTACT_SHEET", "MANIFEST", "GoldenSet", "check_target", "golden_bytes", "gpu_array", "write_golden",
+    "CONTACT_SHEET", "MANIFEST", "GoldenSet", "check_target", "golden_bytes", "gpu_array", "write_array",
+    "write_golden",
 ]
 
 FORMAT, VERSION = "froxel-ref golden set", 1
@@ -42,7 +43,6 @@ SLAB = 1 << 22  # bytes written at once: the most that is ever expanded
 # The pictures of one array and its share of the contact sheet, generously: their text and frames, and
 # what each value that is shown adds, up to the most pixels that a picture has.
 PICTURE_BYTES, VALUE_BYTES, MOST_PICTURE_BYTES = 150_000, 10, 4_000_000
-MOST_MANIFEST_BYTES = 64_000_000
 ABOUT = {
     "order": "each .npy file is C-contiguous and little-endian, its axes as listed, the last one fastest; "
              "rows run from the top of the image, slices away from the camera",
@@ -126,8 +126,27 @@ def _slabs(view: Field) -> Iterator[NDArray[Any]]:
         yield np.ascontiguousarray(view[begin:begin + rows], dtype=kind)
 
 
-def _write_array(path: Path, view: Field) -> str:
-    """Write a ``.npy`` file slab by slab; its SHA-256."""
+def write_array(path: Path, view: Field) -> str:
+    """Write a ``.npy`` file, little-endian, a few megabytes at a time.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    view : ndarray
+        In the order in which its values are to stand; nothing is expanded whole.
+
+    Returns
+    -------
+    str
+        SHA-256 of the file.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> len(write_array(Path(tempfile.mkdtemp(), "ones.npy"), np.ones((2, 3))))
+    64
+    """
     digest = hashlib.sha256()
 
     class Tee:
@@ -214,15 +233,12 @@ def _foreign(folder: Path) -> str | None:
 
 def _listed(manifest: Path) -> set[str]:
     """The files of a golden set that its manifest lists; none if it is not one of ours."""
+    content = read_manifest(manifest, FORMAT)
     try:
-        if not stat.S_ISREG(manifest.lstat().st_mode):  # opening a pipe would wait for ever
-            return set()
-        with manifest.open("rb") as file:
-            content = json.loads(file.read(MOST_MANIFEST_BYTES).decode("utf-8"))
-        if content["format"] != FORMAT:
-            return set()
-        names = [str(array["name"]) for array in content["arrays"]]
-    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        names = [str(array["name"]) for array in content["arrays"]] if content else None
+    except (TypeError, KeyError):
+        names = None
+    if names is None:
         return set()
     # Whatever else a manifest lists, only what this program can have written is its own.
     ours = re.compile(rf"({'|'.join(stage.name for stage in STAGES)})/[a-z_]+")
@@ -334,7 +350,7 @@ def _write_result(folder: Path, name: str, frame: Frame) -> dict[str, Any]:
     view, axes = gpu_array(array, quantity, frame.scene.camera, frame.settings.grid)
     file = f"{name}.npy"
     (folder / file).parent.mkdir(exist_ok=True)
-    sha256 = _write_array(folder / file, view)
+    sha256 = write_array(folder / file, view)
     picture = f"{name}.png"
     how = pictures.View(frame.scene.camera, frame.settings.grid, frame.display_exposure)
     write_png(folder / picture, pictures.preview(array, quantity, name=name, view=how))

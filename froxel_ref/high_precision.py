@@ -1,4 +1,4 @@
-"""Arithmetic with many digits, from mpmath, which only the extra ``test`` brings."""
+"""Arithmetic with many digits, from mpmath, which the extra ``stability`` brings."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def digits(count: int = 40) -> Any:
     try:
         import mpmath
     except ImportError:
-        need = "needs mpmath: python -m pip install 'froxel-ref[test]'"
+        need = "needs mpmath: python -m pip install 'froxel-ref[stability]'"
         raise InputError("stability", need) from None
     context = mpmath.mp.clone()
     context.dps = count

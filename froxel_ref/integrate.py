@@ -32,6 +32,9 @@ PUBLISHED_LEAST_EXTINCTION = 1e-5
 # Optical depth that counts as this much if it is more; transmittance has been 0 since 745.
 OPAQUE = 1e5
 
+# Transmittance below which its product with a length may be a denormal number of float64.
+WEAK = 1e-270
+
 
 # --- one slice --------------------------------------------------------------------------------------
 
@@ -70,10 +73,17 @@ def _published(source: Field, extinction: Field, length: Field) -> tuple[Field, 
 
 def _to_middle(source: Field, extinction: Field, length: Field) -> tuple[Field, Field]:
     """Light and transmittance as they stand when half of the slice's optical depth has been added."""
+    # In float64, rounded once: e^(−x/2) may be far below the least float32 while S·d·e^(−x/2) is not.
     dtype = np.result_type(extinction, length)
     with np.errstate(over="ignore", under="ignore"):
-        half = np.exp(-0.5 * np.multiply(extinction, length, dtype=np.float64)).astype(dtype, copy=False)
-        return source * (length * half), half
+        depth = np.multiply(extinction, length, dtype=np.float64)
+        half = np.exp(-0.5 * depth)
+        light = source * np.multiply(length, half, dtype=np.float64)
+        if half.min(initial=1.0) < WEAK:  # the same holds of float64: half the exponential, twice
+            quarter = np.exp(-0.25 * depth)
+            light = np.where(half < WEAK, source * (length * quarter) * quarter, light)
+        light = light.astype(np.result_type(source, dtype), copy=False)
+    return light, half.astype(dtype, copy=False)
 
 
 def _half_step(source: Field, extinction: Field, length: Field) -> tuple[Field, Field]:

@@ -6,10 +6,12 @@ process or a lost power supply can leave a ``….partial-…`` behind, which not
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 import shutil
 import signal
+import stat
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -20,7 +22,71 @@ from froxel_ref.records import InputError, shown
 
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
-__all__ = ["check_file", "check_folder", "check_space", "refusal", "whole_file", "whole_folder"]
+__all__ = [
+    "MOST_MANIFEST_BYTES", "check_file", "check_folder", "check_space", "output_path", "read_manifest", "refusal",
+    "whole_file", "whole_folder",
+]
+
+MOST_MANIFEST_BYTES = 64_000_000
+
+
+def output_path(given: str | None, default: str) -> Path:
+    """Where a command writes: what was given, or its default.
+
+    Parameters
+    ----------
+    given : str or None
+        As typed.
+    default : str
+        If nothing was.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        An empty name, which a variable that is not set leaves behind.
+
+    Examples
+    --------
+    >>> output_path(None, "golden-lights").name
+    'golden-lights'
+    """
+    if given is not None and not given.strip():
+        raise InputError("output", f"is {shown(given)}, must be a name to write to")
+    return Path(default if given is None else given)
+
+
+def read_manifest(path: Path, kind: str) -> dict[str, Any] | None:
+    """A file that says what a folder of results holds.
+
+    Parameters
+    ----------
+    path : Path
+        A JSON file.
+    kind : str
+        What its ``format`` must be.
+
+    Returns
+    -------
+    dict or None
+        None if it is not there, cannot be read, or is of another format.
+
+    Examples
+    --------
+    >>> read_manifest(Path("not there.json"), "froxel-ref golden set") is None
+    True
+    """
+    try:
+        if not stat.S_ISREG(path.lstat().st_mode):  # opening a pipe would wait for ever
+            return None
+        with path.open("rb") as file:
+            content = json.loads(file.read(MOST_MANIFEST_BYTES).decode("utf-8"))
+        return content if content["format"] == kind else None
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        return None
 
 
 def refusal(error: OSError | MemoryError, place: str, path: str | os.PathLike[str]) -> InputError:
@@ -97,13 +163,15 @@ def check_folder(folder: Path, foreign: Callable[[Path], str | None], *, force: 
     Raises
     ------
     InputError
-        It exists and ``force`` is not set, it is a file, or it holds anything foreign.
+        It exists and ``force`` is not set, it is a file, it holds anything foreign, or the folder around it
+        is not there.
 
     Examples
     --------
     >>> check_folder(Path("a folder that is not there"), lambda folder: None, force=False, kind="set", short="set")
     """
     name = shown(str(folder))
+    _resolved(folder, "output")
     try:
         if not folder.exists():
             return

@@ -340,13 +340,13 @@ def slices_panel(values: Field, display: Display, view: View, shape: tuple[int, 
     columns = min(columns, len(picked))
     rows = -(-len(picked) // columns)
     tile_width, tile_height = tile_size(grid, target)
-    cell, line = max(tile_width, 64), 22  # the label below a tile needs its room
+    cell, line = max(tile_width, 64), 24  # the label below a tile needs its room
     image = canvas(columns * (cell + gap) - gap, rows * (tile_height + line + gap) - gap)
     for number, k in enumerate(picked):
         x, y = (number % columns) * (cell + gap), (number // columns) * (tile_height + line + gap)
         block = np.broadcast_to(values[:, k], (values.shape[0], grid.height, grid.width))
         image.paste(scaled(display.paint(block), tile_width, tile_height), (x, y))
-        write(image, (x, y + tile_height + 3), _depth_words(k, values, view, at_boundary), 15, FAINT, cell)
+        write(image, (x, y + tile_height + 3), _depth_words(k, values, view, at_boundary), 17, FAINT, cell)
     return image
 
 
@@ -394,8 +394,8 @@ def plan_panel(values: Field, display: Display, view: View, width: int, height: 
     colours = np.where(inside[..., None], colours, np.array(PANEL, np.uint8))
     image = canvas(max(wide, 280), max(tall, 60), PANEL)
     image.paste(Image.fromarray(colours.astype(np.uint8)), ((image.width - wide) // 2, image.height - tall))
-    write(image, (6, image.height - 42), "middle row from", 15, FAINT, 130)
-    write(image, (6, image.height - 22), f"above, {grid.far:.4g} m", 15, FAINT, 130)
+    write(image, (6, image.height - 46), "middle row from", 17, FAINT, 150)
+    write(image, (6, image.height - 24), f"above, {grid.far:.4g} m", 17, FAINT, 150)
     return image
 
 
@@ -480,17 +480,23 @@ def legend(display: Display, width: int, *, plain: bool = False) -> Image:
     Returns
     -------
     PIL.Image.Image
-        A line, 22 pixels high.
+        A line, 26 pixels high.
     """
     from PIL import Image
 
-    image, x = canvas(width, 22), 0
-    if not plain and display.kind in ("unit", "scalar", "depth", "span"):
+    image, x = canvas(width, 26), 0
+    if not plain and display.kind not in ("radiance", "normal"):
         bar_width = min(100, width // 4)
-        steps = np.broadcast_to(np.linspace(0.0, 1.0, bar_width), (1, 12, bar_width))
-        bar = grey(steps) if display.kind == "unit" else ramp_colours(steps[0])
-        image.paste(Image.fromarray(bar), (0, 5))
+        # A bar of colours shows what becomes of greys: all channels alike.
+        share, low = np.linspace(0.0, 1.0, bar_width), 0.0 if display.kind == "colour" else display.low
+        if display.kind == "unit":
+            bar = grey(np.broadcast_to(share, (1, 14, bar_width)))
+        elif display.kind in ("scalar", "depth", "span"):
+            bar = np.broadcast_to(ramp_colours(share), (14, bar_width, 3))
+        else:
+            bar = display.paint(np.broadcast_to(low * (1.0 - share) + display.high * share, (3, 14, bar_width)))
+        image.paste(Image.fromarray(np.ascontiguousarray(bar)), (0, 6))
         x = bar_width + 8
     words = f"{display.low:.4g} to {display.high:.4g}" if plain else display.label()
-    write(image, (x, 2), words, 16, FAINT, width - x)
+    write(image, (x, 2), words, 18, FAINT, width - x)
     return image

@@ -26,7 +26,7 @@ __all__ = [
     "View", "channel_first", "contact_sheet", "final_image", "full_axes", "preview", "to_srgb8", "varying",
 ]
 
-PAGE, MARGIN, GAP, HEAD, FOOT = 2400, 48, 24, 30, 54
+PAGE, MARGIN, GAP, HEAD, FOOT = 2400, 48, 24, 34, 60
 # Of shadow maps, texels shown of a face, faces in a row; and axes of arrays that are read, not looked at.
 MAP_TEXELS, MAPS_ACROSS, TABLES = 256, 12, ("m", "mfij")
 SLIM, NARROW = 30, 300  # no picture on top is lower or narrower than this, with its words [px]
@@ -216,14 +216,14 @@ def _framed(body: Image, name: str, array: Field, quantity: Quantity, display: D
     same = _equal(channel_first(array, quantity))
     carried = "the same everywhere" if same else f"varies along {', '.join(axes) or 'its lobes'}"
     picture = canvas(width, body.height + HEAD + FOOT)
-    write(picture, (0, 0), f"{name}{unit}", 20, INK, width)
+    write(picture, (0, 0), f"{name}{unit}", 22, INK, width)
     picture.paste(body, (0, HEAD))
     foot = HEAD + body.height + 4
     if not same:
         plain = _along_one(channel_first(array, quantity))
         picture.paste(panels.legend(display, width, plain=plain), (0, foot))
-        foot += 23
-    write(picture, (0, foot), carried, 16, FAINT, width)
+        foot += 27
+    write(picture, (0, foot), carried, 18, FAINT, width)
     return picture
 
 

@@ -3,7 +3,8 @@
 A `Kernel` is one line of mathematics as the package computes it, beside the same line in many digits. It
 is registered once, by `register`, and then measured in every type, drawn and listed. A kernel may have
 several forms: ``corrected``, which must hold, and others (``published``, ``plain``) that show what a
-departure or a plain formula costs; all are measured against the same exact value.
+departure or a plain formula costs; all are measured against the same exact value, on the same inputs:
+random ones, hand-picked ones, and those of the map that is drawn.
 
 Errors are counted in ulp: the distance from the exact value in spacings of the type there. The inputs are
 taken as exact, so an ill-conditioned kernel is not excused by itself; its relative condition number
@@ -14,7 +15,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import zlib
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
@@ -25,146 +25,83 @@ from froxel_ref.arrays import Field
 from froxel_ref.high_precision import digits
 from froxel_ref.kernel_registry import PRECISIONS, Kernel, Parameter, kernels, register
 from froxel_ref.records import InputError, shown, suggest
+from froxel_ref.stability_inputs import Cases, Map, map_of, sample
+from froxel_ref.stability_measure import FAULTS, SOUND_ULP, WELL, Measure
 from froxel_ref.storage import store
 
 __all__ = [
-    "PRECISIONS", "Cases", "Kernel", "Measure", "Parameter", "condition_numbers", "errors_in_ulp",
-    "exact_values",
-    "kernels", "measure", "register", "run_form", "sample", "sweep",
+    "FAULTS", "PRECISIONS", "SOUND_ULP", "WELL", "Cases", "Examined", "Kernel", "Measure", "Outcome",
+    "Parameter", "Trial", "condition_numbers", "errors_in_ulp", "exact_values", "examine", "judge", "kernels",
+    "measure", "register", "run_form", "sample", "sweep", "trial",
 ]
 
 Doubles: TypeAlias = NDArray[np.float64]
+Flags: TypeAlias = NDArray[np.bool_]
 Progress: TypeAlias = Callable[[str, int, int], None]
 
 DIGITS = 60  # 40 for the value; the rest for the difference quotient of the condition number
 STEP = 1e-20  # relative step of that quotient
-WELL = 4.0  # condition numbers below count as well-conditioned
 
 
-class Cases(NamedTuple):
-    """Inputs, one array per parameter, in the type to compute in."""
-
-    inputs: tuple[Field, ...]
-
-
-class Measure(NamedTuple):
-    """What became of one form of a kernel in one precision; errors in ulp over the finite results.
+class Trial(NamedTuple):
+    """Inputs of a kernel in one type, and what is exact of them; the last ones are those of the map.
 
     Attributes
     ----------
-    kernel, group, form, precision : str
-        Which.
-    cases : int
-        Inputs tried.
-    beyond : int
-        Of these, with an exact value beyond the type's largest number; they are not in the errors.
-    not_a_number, infinite, negative, above : int
-        Results that must not be: NaN; infinity for a finite value; below 0; above the kernel's bound.
-    rising : int
-        Steps at which a falling output grew.
-    worst, mean : float
-        Largest and mean error [ulp].
-    worst_relative : float
-        Largest relative error where the exact value is a normal number [1].
-    condition : float
-        Condition number at the worst error.
-    worst_well : float
-        Largest error where the condition number is below 4 [ulp].
-    worst_per_condition : float
-        Largest error over 1 + condition number [ulp].
-    place : tuple of float
-        The inputs of the worst error.
+    inputs : tuple of ndarray
+        One array per parameter.
+    exact : list of mpf
+        The exact results.
+    condition : ndarray
+        Condition numbers.
+    chart : Map
+        The map, whose inputs stand at the end.
     """
 
-    kernel: str
-    group: str
-    form: str
-    precision: str
-    cases: int
-    beyond: int
-    not_a_number: int
-    infinite: int
-    negative: int
-    above: int
-    rising: int
-    worst: float
-    mean: float
-    worst_relative: float
-    condition: float
-    worst_well: float
-    worst_per_condition: float
-    place: tuple[float, ...]
-
-    @property
-    def sound(self) -> bool:
-        """Whether nothing came out that must not be."""
-        return not (self.not_a_number or self.infinite or self.negative or self.above or self.rising)
+    inputs: tuple[Field, ...]
+    exact: list[Any]
+    condition: Doubles
+    chart: Map
 
 
-# --- inputs -----------------------------------------------------------------------------------------
+class Outcome(NamedTuple):
+    """What one form made of a `Trial`, input by input.
+
+    Attributes
+    ----------
+    results : ndarray
+        In the type of storage.
+    ulps, relative : ndarray
+        As `errors_in_ulp`.
+    faults : dict of str to ndarray of bool
+        By the names in `FAULTS`, which results must not be. Rises are those of the map alone. Infinity within
+        8·(1 + condition number) roundings of the largest number counts as beyond the type.
+    """
+
+    results: Field
+    ulps: Doubles
+    relative: Doubles
+    faults: dict[str, Flags]
 
 
-def _drawn(parameter: Parameter, count: int, dtype: Any, rng: np.random.Generator) -> Doubles:
-    limits, half = np.finfo(dtype), count // 2
-    if parameter.kind == "choice":
-        return rng.choice(np.array(parameter.extremes), count)
-    even = rng.uniform(parameter.low, parameter.high, count)
-    if parameter.kind == "linear":
-        near = 10.0 ** -rng.uniform(0.0, limits.precision, count)
-        return np.where(np.arange(count) < half, even,
-                        parameter.low + (parameter.high - parameter.low) * near)
-    if parameter.kind in ("share", "cosine"):
-        near = np.copysign(1.0 - 10.0 ** -rng.uniform(0.0, limits.precision, count), even)
-        return np.where(np.arange(count) < half, even, near)
-    low, high = max(parameter.low, float(limits.tiny)), min(parameter.high, float(limits.max) / 4.0)
-    middle = min(max(1.0, low), high)
-    near = middle * 2.0 ** rng.uniform(-1.0, 1.0, count)
-    wide = np.exp(rng.uniform(math.log(low), math.log(high), count))
-    return np.clip(np.where(rng.permutation(count) < half, near, wide), low, high)
+class Examined(NamedTuple):
+    """All that was found of a kernel.
 
-
-def sample(kernel: Kernel, count: int, precision: str) -> Cases:
-    """Inputs for a kernel: random ones, then every combination of the hand-picked extremes.
-
-    Parameters
+    Attributes
     ----------
     kernel : Kernel
-    count : int
-        Random inputs.
-    precision : str
-        A key of `PRECISIONS`.
-
-    Returns
-    -------
-    Cases
-        The same for the same name, count and precision; float32 and float16 share theirs.
-
-    Examples
-    --------
-    >>> [kernel] = kernels(["henyey_greenstein"])
-    >>> [len(values) for values in sample(kernel, 10, "float32").inputs]
-    [35, 35]
+    trials : dict of str to Trial
+        By precision; float32 and float16 share theirs.
+    outcomes : dict of (str, str) to Outcome
+        By form and precision.
+    measures : list of Measure
+        Precision by precision, form by form.
     """
-    dtype = PRECISIONS[precision][0]
-    rng = np.random.default_rng(zlib.crc32(kernel.name.encode()))
-    count = max(2, round(count * kernel.share))
-    drawn = [rng.permuted(_drawn(p, count, dtype, rng)) for p in kernel.parameters]
-    grid = np.array(list(itertools.product(*(p.extremes or (p.typical,) for p in kernel.parameters)))).T
-    columns = [np.concatenate([random, extreme]) for random, extreme in zip(drawn, grid, strict=True)]
-    return Cases(tuple(_fitted(values, parameter, dtype)
-                       for values, parameter in zip(columns, kernel.parameters, strict=True)))
 
-
-def _fitted(values: Doubles, parameter: Parameter, dtype: Any) -> Field:
-    """Values in the type; a share stays inside its open range, and what is too large becomes the largest."""
-    limits = np.finfo(dtype)
-    with np.errstate(under="ignore"):
-        fitted = np.clip(values, -float(limits.max), float(limits.max)).astype(dtype)
-    if parameter.kind == "share":
-        edge = dtype(1.0) - limits.epsneg
-        fitted = np.clip(fitted, -edge if parameter.low < 0.0 else dtype(0.0), edge)
-    # The least denormal is meant where a number below it was picked.
-    return np.where((values > 0.0) & (fitted == 0.0), limits.smallest_subnormal, fitted)
+    kernel: Kernel
+    trials: dict[str, Trial]
+    outcomes: dict[tuple[str, str], Outcome]
+    measures: list[Measure]
 
 
 # --- results ----------------------------------------------------------------------------------------
@@ -284,7 +221,7 @@ def _rises(kernel: Kernel, form: str, precision: str) -> int:
     return rises
 
 
-def _above(kernel: Kernel, inputs: Sequence[Field], results: Field) -> NDArray[np.bool_]:
+def _above(kernel: Kernel, inputs: Sequence[Field], results: Field) -> Flags:
     """Which results exceed the bound: a number strictly, a function of the inputs by more than rounding."""
     if not callable(kernel.at_most):
         return np.asarray(results > kernel.at_most)
@@ -295,39 +232,131 @@ def _above(kernel: Kernel, inputs: Sequence[Field], results: Field) -> NDArray[n
         return np.asarray(results.astype(np.float64) > bound + slack)
 
 
-def measure(kernel: Kernel, form: str, precision: str, inputs: Sequence[Field], exact: Sequence[Any],
-            condition: Doubles) -> Measure:
-    """Measure one form of a kernel in one precision.
+def _rising(kernel: Kernel, chart: Map, results: Field) -> Flags:
+    """Which cells of the map are above their neighbour, in the direction in which the output must fall."""
+    risen = np.zeros(len(results), bool)
+    if kernel.falling is not None and kernel.falling < 2:
+        rows, columns = chart.shape
+        plane = results[-rows * columns:].reshape(rows, columns).astype(np.float64)
+        with np.errstate(invalid="ignore"):
+            after = np.diff(plane, axis=1 - kernel.falling) > 0.0
+        edge = ((0, 0), (1, 0)) if kernel.falling == 0 else ((1, 0), (0, 0))
+        risen[-rows * columns:] = np.pad(after, edge).ravel()
+    return risen
+
+
+def trial(kernel: Kernel, samples: int, precision: str) -> Trial:
+    """The inputs on which a kernel is tried in one precision, with their exact values.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    samples : int
+        Random inputs.
+    precision : str
+        A key of `PRECISIONS`.
+
+    Returns
+    -------
+    Trial
+    """
+    chart = map_of(kernel, precision)
+    drawn = sample(kernel, samples, precision).inputs
+    inputs = tuple(np.concatenate(pair) for pair in zip(drawn, chart.inputs, strict=True))
+    exact = exact_values(kernel, inputs)
+    return Trial(inputs, exact, condition_numbers(kernel, inputs, exact), chart)
+
+
+def judge(kernel: Kernel, form: str, precision: str, tried: Trial) -> Outcome:
+    """Run one form on a trial's inputs: errors, and what must not be.
 
     Parameters
     ----------
     kernel : Kernel
     form, precision : str
         Keys of its forms and of `PRECISIONS`.
-    inputs : sequence of ndarray
-        From `sample`.
-    exact, condition
-        From `exact_values` and `condition_numbers`.
+    tried : Trial
+
+    Returns
+    -------
+    Outcome
+    """
+    results = run_form(kernel, form, tried.inputs, precision)
+    ulps, relative = errors_in_ulp(results, tried.exact)
+    infinite = np.isinf(results) & ~np.isnan(ulps)
+    if infinite.any():  # what inputs so ill-conditioned may turn into infinity is none of the form's doing
+        computed = float(np.finfo(PRECISIONS[precision][0]).eps)
+        reach = 1.0 + SOUND_ULP * computed * (1.0 + tried.condition)
+        sizes = np.array([abs(value) for value in tried.exact], dtype=object) * reach
+        ulps[infinite & (sizes >= float(np.finfo(results.dtype).max))] = math.nan
+    within = ~np.isnan(ulps)
+    return Outcome(results, ulps, relative, {
+        "not_a_number": np.isnan(results), "infinite": np.isinf(results) & within, "negative": results < 0.0,
+        "above": _above(kernel, tried.inputs, results) & within & np.isfinite(results),
+        "rising": _rising(kernel, tried.chart, results)})
+
+
+def measure(kernel: Kernel, form: str, precision: str, tried: Trial, outcome: Outcome) -> Measure:
+    """Sum up what one form of a kernel did in one precision.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    form, precision : str
+        Keys of its forms and of `PRECISIONS`.
+    tried, outcome : Trial, Outcome
+        From `trial` and `judge`.
 
     Returns
     -------
     Measure
     """
-    results = run_form(kernel, form, inputs, precision)
-    ulps, relative = errors_in_ulp(results, exact)
-    counted, within = np.isfinite(ulps), ~np.isnan(ulps)
+    ulps, condition = outcome.ulps, tried.condition
+    counted = np.isfinite(ulps)
     worst = int(np.argmax(np.where(counted, ulps, -1.0)))
-    well = counted & (condition < WELL)
+    counts = {name: int(flags.sum()) for name, flags in outcome.faults.items()}
+    counts["rising"] += _rises(kernel, form, precision)
     return Measure(
-        kernel.name, kernel.group, form, precision, len(results), int((~within).sum()),
-        int(np.isnan(results).sum()), int((np.isinf(results) & within).sum()), int((results < 0.0).sum()),
-        int((_above(kernel, inputs, results) & within & np.isfinite(results)).sum()),
-        _rises(kernel, form, precision),
-        float(ulps[worst]), float(ulps[counted].mean()) if counted.any() else math.nan,
-        float(np.nanmax(np.where(counted, relative, np.nan), initial=0.0)), float(condition[worst]),
-        float(ulps[well].max(initial=0.0)),
-        float((ulps[counted] / (1.0 + condition[counted])).max(initial=0.0)),
-        tuple(float(values[worst]) for values in inputs))
+        kernel.name, kernel.group, form, precision, len(ulps), int(np.isnan(ulps).sum()), **counts,
+        worst=float(ulps[worst]), mean=float(ulps[counted].mean()) if counted.any() else math.nan,
+        worst_relative=float(np.nanmax(np.where(counted, outcome.relative, np.nan), initial=0.0)),
+        condition=float(condition[worst]),
+        worst_well=float(ulps[counted & (condition < WELL)].max(initial=0.0)),
+        worst_per_condition=float((ulps[counted] / (1.0 + condition[counted])).max(initial=0.0)),
+        place=tuple(float(values[worst]) for values in tried.inputs))
+
+
+def examine(kernel: Kernel, samples: int = 400) -> Examined:
+    """Measure a kernel in all its forms and precisions, and keep what its picture shows.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    samples : int
+        Random inputs per precision; the extremes and the map's come on top.
+
+    Returns
+    -------
+    Examined
+
+    Examples
+    --------
+    >>> found = examine(kernels(["rayleigh"])[0], 20)
+    >>> [(row.precision, row.verdict) for row in found.measures]
+    [('float64', 'sound'), ('float32', 'sound'), ('float16', 'sound')]
+    """
+    known: dict[Any, Trial] = {}
+    found = Examined(kernel, {}, {}, [])
+    for precision in kernel.precisions:
+        dtype = PRECISIONS[precision][0]
+        if dtype not in known:
+            known[dtype] = trial(kernel, samples, precision)
+        found.trials[precision] = known[dtype]
+        for form in kernel.forms:
+            outcome = judge(kernel, form, precision, known[dtype])
+            found.outcomes[form, precision] = outcome
+            found.measures.append(measure(kernel, form, precision, known[dtype], outcome))
+    return found
 
 
 def sweep(chosen: Sequence[Kernel], *, samples: int = 400, progress: Progress | None = None) -> list[Measure]:
@@ -338,7 +367,7 @@ def sweep(chosen: Sequence[Kernel], *, samples: int = 400, progress: Progress | 
     chosen : sequence of Kernel
         From `kernels`.
     samples : int
-        Random inputs per kernel and precision; the extremes come on top.
+        Random inputs per kernel and precision; the extremes and the map's come on top.
     progress : callable, optional
         Called as ``progress(kernel, index, count)`` before each.
 
@@ -358,12 +387,5 @@ def sweep(chosen: Sequence[Kernel], *, samples: int = 400, progress: Progress | 
     for index, kernel in enumerate(chosen):
         if progress is not None:
             progress(kernel.name, index, len(chosen))
-        known: dict[Any, tuple[Any, Any, Any]] = {}
-        for precision in kernel.precisions:
-            dtype = PRECISIONS[precision][0]
-            if dtype not in known:
-                inputs = sample(kernel, samples, precision).inputs
-                exact = exact_values(kernel, inputs)
-                known[dtype] = inputs, exact, condition_numbers(kernel, inputs, exact)
-            result += [measure(kernel, form, precision, *known[dtype]) for form in kernel.forms]
+        result += examine(kernel, samples).measures
     return result

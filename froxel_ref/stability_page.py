@@ -1,10 +1,8 @@
-"""What the stability command writes: a table as CSV, JSON and a web page, and the kernels' heat maps."""
+"""What the stability command writes: a table as CSV, JSON and a web page, and a picture of each kernel."""
 
 from __future__ import annotations
 
-import base64
 import csv
-import html
 import json
 import math
 from collections.abc import Callable, Sequence
@@ -15,32 +13,43 @@ import numpy as np
 
 import froxel_ref
 from froxel_ref.image_files import write_png
-from froxel_ref.output import check_folder, whole_folder
-from froxel_ref.stability import WELL, Kernel, Measure, sweep
+from froxel_ref.output import check_folder, read_manifest, whole_folder
+from froxel_ref.records import InputError
+from froxel_ref.stability import Kernel, examine
+from froxel_ref.stability_html import page
+from froxel_ref.stability_inputs import seed
+from froxel_ref.stability_measure import SOUND_ULP, WELL, Measure
 
 __all__ = ["CSV", "FORMAT", "JSON", "PAGE", "Report", "check_target", "write_report"]
 
 Progress = Callable[[str, int, int], None]
 
 CSV, JSON, PAGE = "stability.csv", "stability.json", "index.html"
-FORMAT, VERSION = "froxel-ref stability", 1
+FORMAT, VERSION = "froxel-ref stability", 2
 
-# Heading, how it is said, what it is: of the page's columns that are numbers.
-COLUMNS: tuple[tuple[str, str, str], ...] = (
-    ("worst", "worst [ulp]", "largest error"),
-    ("mean", "mean [ulp]", "mean error"),
-    ("worst_relative", "relative", "largest relative error where the exact value is a normal number"),
-    ("condition", "condition", "condition number where the error is largest"),
-    ("worst_well", f"worst, condition < {WELL:g}", "largest error among well-conditioned inputs [ulp]"),
-    ("worst_per_condition", "worst/(1 + condition)", "largest error over 1 + condition number [ulp]"),
-    ("not_a_number", "NaN", "results that are not a number"),
-    ("infinite", "infinite", "infinite results for a finite exact value"),
-    ("negative", "negative", "results below 0"),
-    ("above", "above bound", "results above the bound: transmittance 1, the furnace, the peak"),
-    ("rising", "rises", "steps at which an output that must fall grew"),
-    ("beyond", "beyond type", "inputs whose exact value is beyond the type, not counted"),
-    ("cases", "inputs", "inputs tried"),
-)
+# What stands in a row, in the CSV and in the JSON alike, and what it is; units are in the names.
+COLUMNS: dict[str, str] = {
+    "form": "how it is computed; the first of a kernel must hold",
+    "precision": "type computed in; float16 is float32, rounded for storage",
+    "verdict": f"fails: results that must not be; inexact: more than {SOUND_ULP:g} ulp where the condition number is "
+               f"below {WELL:g}, or of any input for each unit of 1 + condition number; else sound",
+    "reason": "of a verdict that is not sound",
+    "worst_ulp": "largest error, in spacings of the type at the exact value",
+    "mean_ulp": "mean error",
+    "worst_relative": "largest relative error where the exact value is a normal number",
+    "condition": "condition number where the error is largest: by how much the exact function magnifies a "
+                 "relative change of its inputs",
+    "worst_well_ulp": f"largest error among inputs whose condition number is below {WELL:g}",
+    "worst_per_condition_ulp": "largest error over 1 + condition number",
+    "inputs_at_worst": "inputs with the largest error, by the names of the parameters, in their units",
+    "not_a_number": "results that are not a number",
+    "infinite": "infinite results for a finite exact value",
+    "negative": "results below 0",
+    "above": "results above the bound: transmittance 1, the furnace, the peak",
+    "rising": "steps at which an output that must fall grew",
+    "beyond": "inputs whose exact value is beyond the type, not counted",
+    "cases": "inputs tried: random, hand-picked, and the picture's",
+}
 
 
 class Report(NamedTuple):
@@ -65,11 +74,11 @@ def check_target(folder: Path, *, force: bool) -> None:
 def _foreign(folder: Path) -> str | None:
     """Something in the folder that no report there speaks of."""
     known: set[str] = set()
+    report = read_manifest(folder / JSON, FORMAT)
     try:
-        report = json.loads((folder / JSON).read_text(encoding="utf-8"))
-        if report["format"] == FORMAT:
+        if report:
             known = {CSV, JSON, PAGE} | {str(kernel["picture"]) for kernel in report["kernels"]}
-    except (OSError, ValueError, TypeError, KeyError):
+    except (TypeError, KeyError):
         pass
     return next((path.name for path in sorted(folder.iterdir()) if path.name not in known), None)
 
@@ -89,7 +98,7 @@ def write_report(chosen: Sequence[Kernel], folder: Path, *, samples: int = 400, 
     force : bool
         Replace a report that stands there, once the new one is complete.
     progress : callable, optional
-        Called as ``progress(what, index, count)`` before each kernel's measures and picture.
+        Called as ``progress(kernel, index, count)`` before each kernel.
 
     Returns
     -------
@@ -102,18 +111,22 @@ def write_report(chosen: Sequence[Kernel], folder: Path, *, samples: int = 400, 
     """
     from froxel_ref.stability_pictures import heat_map
 
-    folder, count = Path(folder), 2 * len(chosen)
-    tell = progress or (lambda what, index, count: None)
+    if samples < 2:
+        raise InputError("samples", f"is {samples}, must be at least 2")
+    folder, measures = Path(folder), list[Measure]()
     with whole_folder(folder, lambda target: check_target(target, force=force)) as partial:
-        measures = sweep(chosen, samples=samples, progress=lambda name, index, _: tell(name, index, count))
-        for index, kernel in enumerate(chosen, len(chosen)):
-            tell(f"{kernel.name}: picture", index, count)
-            write_png(partial / _picture(kernel), heat_map(kernel))
-        _write_csv(partial / CSV, measures)
+        for index, kernel in enumerate(chosen):
+            if progress is not None:
+                progress(kernel.name, index, len(chosen))
+            found = examine(kernel, samples)
+            measures += found.measures
+            write_png(partial / _picture(kernel), heat_map(kernel, found))
+        _write_csv(partial / CSV, chosen, measures)
         document = _document(chosen, measures, samples)
         text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
         (partial / JSON).write_text(text, encoding="utf-8", newline="\n")
-        (partial / PAGE).write_text(_page(chosen, measures, samples, partial), encoding="utf-8", newline="\n")
+        pictures = {kernel.name: (partial / _picture(kernel)).read_bytes() for kernel in chosen}
+        (partial / PAGE).write_text(page(chosen, measures, samples, pictures), encoding="utf-8", newline="\n")
     return Report(folder, folder / PAGE, measures)
 
 
@@ -124,119 +137,44 @@ def _picture(kernel: Kernel) -> str:
 # --- CSV and JSON -----------------------------------------------------------------------------------
 
 
-def _write_csv(path: Path, measures: Sequence[Measure]) -> None:
+def _row(kernel: Kernel, row: Measure) -> dict[str, Any]:
+    """A measure by the names in `COLUMNS`."""
+    values = row._asdict() | {f"{name}_ulp": getattr(row, name)
+                              for name in ("worst", "mean", "worst_well", "worst_per_condition")}
+    inputs = {p.name: value for p, value in zip(kernel.parameters, row.place, strict=True)}
+    values |= {"verdict": row.verdict, "reason": row.reason, "inputs_at_worst": inputs}
+    return {name: values[name] for name in COLUMNS}
+
+
+def _write_csv(path: Path, chosen: Sequence[Kernel], measures: Sequence[Measure]) -> None:
+    known = {kernel.name: kernel for kernel in chosen}
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([*Measure._fields[:-1], "sound", "inputs_at_worst"])
+        writer.writerow(["kernel", "group", *COLUMNS])
         for row in measures:
-            writer.writerow([*row[:-1], str(row.sound).lower(), " ".join(repr(value) for value in row.place)])
+            cells = _row(known[row.kernel], row)
+            inputs = "; ".join(f"{name}={value!r}" for name, value in cells["inputs_at_worst"].items())
+            writer.writerow([row.kernel, row.group, *(cells | {"inputs_at_worst": inputs}).values()])
 
 
 def _json(value: Any) -> Any:
     """A value as JSON, which knows neither infinity nor NaN."""
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
+    if isinstance(value, dict):
+        return {name: _json(item) for name, item in value.items()}
     return [_json(item) for item in value] if isinstance(value, tuple) else value
 
 
 def _document(chosen: Sequence[Kernel], measures: Sequence[Measure], samples: int) -> dict[str, Any]:
     entries = []
     for kernel in chosen:
-        rows = [{name: _json(value) for name, value in row._asdict().items()
-                 if name not in ("kernel", "group")}
-                | {"sound": row.sound} for row in measures if row.kernel == kernel.name]
-        parameters = [{name: _json(value) for name, value in p._asdict().items()} for p in kernel.parameters]
+        rows = [_json(_row(kernel, row)) for row in measures if row.kernel == kernel.name]
         entries.append({"name": kernel.name, "group": kernel.group, "about": kernel.about,
-                        "departure": kernel.departure, "parameters": parameters, "picture": _picture(kernel),
-                        "measures": rows})
+                        "departure": kernel.departure, "seed": seed(kernel),
+                        "parameters": [_json(p._asdict()) for p in kernel.parameters],
+                        "picture": _picture(kernel), "measures": rows})
     return {"format": FORMAT, "schema_version": VERSION, "samples": samples,
+            "random": "numpy.random.default_rng(seed) for each kernel",
             "made_by": {"froxel-ref": froxel_ref.__version__, "numpy": np.__version__},
-            "columns": {name: about for name, _, about in COLUMNS}, "kernels": entries}
-
-
-# --- the page ---------------------------------------------------------------------------------------
-
-STYLE = """
-:root{color-scheme:light dark;--line:light-dark(#d5d8de,#3a3e46);--bad:light-dark(#b3261e,#ff8a80);
---head:light-dark(#f1f3f6,#24272d);--faint:light-dark(#5c636e,#a0a6b0)}
-body{font:15px/1.45 system-ui,sans-serif;margin:1.2rem auto;max-width:1300px;padding:0 1rem;
-background:light-dark(#fff,#16181c);color:light-dark(#1b1d21,#e8eaee)}
-h1{font-size:1.5rem;margin:.2em 0}h2{font-size:1.15rem;margin-top:1.6em}p{max-width:75ch}
-.wide{overflow-x:auto;border:1px solid var(--line);border-radius:6px}
-table{border-collapse:collapse;font-size:13px;font-variant-numeric:tabular-nums;white-space:nowrap}
-th,td{padding:.3em .6em;text-align:right;border-bottom:1px solid var(--line)}
-th:nth-child(-n+4),td:nth-child(-n+4){text-align:left}
-th{background:var(--head);position:sticky;top:0}
-th button{font:inherit;font-weight:600;color:inherit;background:none;border:0;padding:0;cursor:pointer}
-th button:focus-visible{outline:2px solid}
-th[aria-sort=ascending] button::after{content:" \\2191"}
-th[aria-sort=descending] button::after{content:" \\2193"}
-.bad{color:var(--bad);font-weight:600}.faint{color:var(--faint)}
-figure{margin:1.2em 0}img{max-width:100%;height:auto;border-radius:6px}figcaption{color:var(--faint)}
-code{font-size:.95em}
-"""
-
-# Numbers begin with the largest, words with the first; a second click turns the order round.
-SCRIPT = """
-document.querySelectorAll("th button").forEach(b=>b.addEventListener("click",()=>{
-const h=b.parentElement,t=h.closest("table"),i=h.cellIndex,body=t.tBodies[0];
-const words=body.rows[0].cells[i].dataset.v===undefined,was=h.getAttribute("aria-sort");
-const order=was?(was==="descending"?"ascending":"descending"):(words?"ascending":"descending");
-t.querySelectorAll("th").forEach(o=>o.removeAttribute("aria-sort"));
-h.setAttribute("aria-sort",order);
-const sign=order==="ascending"?1:-1,number=r=>{const v=Number(r.cells[i].dataset.v);return isNaN(v)?-1:v};
-body.append(...[...body.rows].sort((a,b)=>sign*(words
-?a.cells[i].textContent.localeCompare(b.cells[i].textContent)
-:Math.sign(number(a)-number(b))||0)))}));
-"""
-
-
-def _page(chosen: Sequence[Kernel], measures: Sequence[Measure], samples: int, folder: Path) -> str:
-    """One file with everything inside: no link leaves it."""
-    first = {kernel.name: next(iter(kernel.forms)) for kernel in chosen}
-    held = [row for row in measures if row.form == first[row.kernel]]
-    exact = [row.worst_well for row in held if row.precision in ("float64", "float32")]
-    sound = sum(row.sound for row in held)
-    facts = (f"{len(chosen)} kernels, {samples} random inputs each beside the hand-picked extremes, against "
-             f"arithmetic with 40 digits and more. Of the {len(held)} rows of forms that must hold, {sound} "
-             "have no NaN, infinity, negative, rising or too large result. Their largest error in float64 "
-             f"and float32 where the condition number is below {WELL:g}: {max(exact, default=0.0):.3g} ulp.")
-    parts = ['<!doctype html><html lang="en"><head><meta charset="utf-8">',
-             '<meta name="viewport" content="width=device-width,initial-scale=1">',
-             f"<title>Numerical stability</title><style>{STYLE}</style></head><body>",
-             f"<h1>Numerical stability</h1><p>{facts}</p>",
-             "<p>Errors are in ulp, spacings of the type at the exact value, of inputs taken as exact; "
-             "float16 is float32 rounded for storage. The first form of a kernel must hold, the others show what a "
-             "departure costs. Click a heading to sort.</p>",
-             _table(measures, first), "<h2>Errors over the inputs</h2>"]
-    for kernel in chosen:
-        data = base64.b64encode((folder / _picture(kernel)).read_bytes()).decode("ascii")
-        words = html.escape(kernel.about + (f" ({kernel.departure})" if kernel.departure else ""))
-        parts.append(f'<figure id="{kernel.name}"><img loading="lazy" alt="Error over the inputs: {words}" '
-                     f'src="data:image/png;base64,{data}"><figcaption>{words}</figcaption></figure>')
-    return "\n".join([*parts, f"<script>{SCRIPT}</script></body></html>", ""])
-
-
-def _table(measures: Sequence[Measure], first: dict[str, str]) -> str:
-    names = [("kernel", "kernel", ""), ("form", "form", ""), ("precision", "precision", ""),
-             ("verdict", "verdict", "no result that must not be")]
-    heads = "".join(f'<th scope="col" title="{html.escape(about)}"><button>{html.escape(head)}</button></th>'
-                    for _, head, about in (*names, *COLUMNS, ("place", "inputs at the worst", "")))
-    return (f'<div class="wide"><table><thead><tr>{heads}</tr></thead><tbody>'
-            + "\n".join(_row(row, first[row.kernel] == row.form) for row in measures)
-            + "</tbody></table></div>")
-
-
-def _row(row: Measure, holds: bool) -> str:
-    cells = [f'<td><a href="#{row.kernel}">{row.kernel}</a></td>', f"<td>{html.escape(row.form)}</td>",
-             f"<td>{row.precision}</td>", f"<td{'' if row.sound else ' class=bad'}>"
-             f"{'sound' if row.sound else 'fails'}</td>"]
-    for name, _, _ in COLUMNS:
-        value = getattr(row, name)
-        counts = name in ("not_a_number", "infinite", "negative", "above", "rising")
-        style = ' class="bad"' if counts and value else ' class="faint"' if not value or not holds else ""
-        words = f"{value:d}" if isinstance(value, int) else f"{value:.3g}"
-        key = "Infinity" if value == math.inf else repr(value)  # as JavaScript reads numbers
-        cells.append(f'<td data-v="{key}"{style}>{words}</td>')
-    place = ", ".join(f"{value:.6g}" for value in row.place)
-    return f"<tr>{''.join(cells)}<td class=faint>{place}</td></tr>"
+            "columns": COLUMNS, "kernels": entries}

@@ -51,7 +51,7 @@ register(Kernel(
      "published": lambda s, d: slice_integral(s, s, d, integrator="published")[0]},
     lambda mp, sigma, d: -mp.expm1(-sigma * d), departure="D3", at_most=lambda s, d: np.ones_like(s)))
 register(Kernel(
-    "half_step", "slice integration", "light of a slice by the half step, S·d·exp(−σd/2)",
+    "half_step", "slice integration", "light of a slice by the half step, S·d·exp(−σ·d/2)",
     (EXTINCTION, LENGTH),
     {"corrected": _rule("half_step", 0)}, lambda mp, s, d: d * mp.exp(-s * d / 2), at_most=lambda s, d: d))
 

@@ -25,7 +25,7 @@ from froxel_ref.visibility import exact_visibility
 if TYPE_CHECKING:
     from froxel_ref.assets import Assets
 
-__all__ = ["FILTERS", "TruthImage", "check_integrable", "image_lines", "render_truth"]
+__all__ = ["FILTERS", "TruthImage", "check_filter", "check_integrable", "image_lines", "render_truth"]
 
 Array: TypeAlias = NDArray[np.floating[Any]]
 
@@ -49,7 +49,7 @@ class TruthImage(NamedTuple):
     radiance : ndarray, shape (3, h, w) [W m⁻² sr⁻¹]
         Surfaces times transmittance, plus the media's light.
     error : ndarray, shape (3, h, w) [W m⁻² sr⁻¹]
-        Estimated absolute error; with a box filter, the filter's own is added.
+        Estimated absolute error: that of the rays' light and, with a box filter, the filter's own.
     fog_radiance : ndarray, shape (3, h, w) [W m⁻² sr⁻¹]
         The media's light alone.
     fog_transmittance : ndarray, shape (h, w) or (3, h, w) [1]
@@ -59,6 +59,8 @@ class TruthImage(NamedTuple):
         nothing is promised, it is only told.
     evaluations : ndarray of int, shape (h, w)
         Points at which a light was evaluated.
+    filter_error : ndarray, shape (3, h, w) [W m⁻² sr⁻¹]
+        The filter's share of the error: 0 for rays through the centres.
     """
 
     radiance: Array
@@ -67,6 +69,15 @@ class TruthImage(NamedTuple):
     fog_transmittance: Array
     converged: NDArray[np.bool_]
     evaluations: NDArray[np.intp]
+    filter_error: Array
+
+
+def check_filter(scene: Scene, pixel_filter: str) -> None:
+    """Refuse a filter that is not known, or that the scene has no rays for; raises InputError."""
+    if pixel_filter not in FILTERS:
+        raise InputError("pixel_filter", f"is {pixel_filter!r}; {suggest(pixel_filter, FILTERS)}")
+    if pixel_filter == "box" and scene.image_buffers is not None:
+        raise InputError("pixel_filter", "is 'box', which a scene with its own depth image has no rays for")
 
 
 def check_integrable(scene: Scene, settings: Settings) -> None:
@@ -164,10 +175,7 @@ def render_truth(scene: Scene, settings: Settings | None = None, *, assets: Asse
     """
     settings = settings or Settings()
     check_options(rtol, shadows, sun_distance)
-    if pixel_filter not in FILTERS:
-        raise InputError("pixel_filter", f"is {pixel_filter!r}; {suggest(pixel_filter, FILTERS)}")
-    if pixel_filter == "box" and scene.image_buffers is not None:
-        raise InputError("pixel_filter", "is 'box', which a scene with its own depth image has no rays for")
+    check_filter(scene, pixel_filter)
     from froxel_ref.assets import load_assets
 
     assets = load_assets(scene, None) if assets is None else assets
@@ -203,10 +211,10 @@ def _filtered(images: list[TruthImage], weights: list[tuple[float, float]]) -> T
         return np.asarray(sum(w[rule] * getattr(i, name) for i, w in zip(images, weights, strict=True)))
 
     radiance = mean("radiance", 0)
-    error = mean("error", 0) + np.abs(radiance - mean("radiance", 1))
-    return TruthImage(radiance, error, mean("fog_radiance", 0), mean("fog_transmittance", 0),
+    edges = np.abs(radiance - mean("radiance", 1))
+    return TruthImage(radiance, mean("error", 0) + edges, mean("fog_radiance", 0), mean("fog_transmittance", 0),
                       np.logical_and.reduce([i.converged for i in images]),
-                      np.sum([i.evaluations for i in images], axis=0))
+                      np.sum([i.evaluations for i in images], axis=0), edges)
 
 
 def _one_image(scene: Scene, physics: Physics, jitter: tuple[float, float], far: float,
@@ -225,7 +233,7 @@ def _one_image(scene: Scene, physics: Physics, jitter: tuple[float, float], far:
     shape = rays.length.shape
     fog = Truth._make(field.reshape(*field.shape[:-1], *shape) for field in fog)
     return TruthImage(behind * fog.transmittance + fog.radiance, fog.error, fog.radiance, fog.transmittance,
-                      fog.converged, fog.evaluations)
+                      fog.converged, fog.evaluations, np.zeros_like(fog.error))
 
 
 def _surfaces(scene: Scene, physics: Physics, rays: Rays, assets: Assets,

@@ -17,6 +17,7 @@ import pytest
 
 from froxel_ref import golden, output
 from froxel_ref.assets import load_assets
+from froxel_ref.cli import main
 from froxel_ref.frame import Frame, run_frame
 from froxel_ref.golden import MANIFEST, GoldenSet, check_target, golden_bytes, gpu_array, write_golden
 from froxel_ref.records import InputError
@@ -254,7 +255,7 @@ def test_a_volume_is_never_expanded_whole(tmp_path: Path) -> None:
     view, _ = gpu_array(np.ones((1, 1, 1)), QUANTITIES["media/extinction"], SCENE.camera,
                         Grid(width=256, height=256, depth=128))
     tracemalloc.start()
-    golden._write_array(tmp_path / "big.npy", view)
+    golden.write_array(tmp_path / "big.npy", view)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert (tmp_path / "big.npy").stat().st_size == 128 + 8 * 2**23
@@ -287,6 +288,16 @@ def gpu_shape(name: str, whole: Frame) -> tuple[int, ...]:
 
 
 # --- where it may stand -----------------------------------------------------------------------------
+
+
+def test_a_folder_whose_parent_is_missing_is_refused_before_anything_is_computed(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("froxel_ref.frame.run_frame", lambda *_, **__: pytest.fail("computed"))
+    monkeypatch.chdir(tmp_path)
+    for name, says in (("a/b/c", "'a/b/c' cannot be written: its folder does not exist"), ("", "is '', must be")):
+        assert main(["golden", "uniform", "-o", name]) == 2
+        assert says in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.usefixtures("quick")
@@ -479,7 +490,7 @@ def failing(place: str, count: int, fault: BaseException, monkeypatch: pytest.Mo
 
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize("replaces", [False, True])
-@pytest.mark.parametrize(("place", "count"), [("_write_array", 0), ("_write_array", 7), ("write_png", 16),
+@pytest.mark.parametrize(("place", "count"), [("write_array", 0), ("write_array", 7), ("write_png", 16),
                                               ("_write_contact_sheet", 0), ("_take_place", 0)])
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: type(fault).__name__)
 def test_whatever_stops_a_write_leaves_nothing_and_the_old_set_stands(

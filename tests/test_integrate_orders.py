@@ -273,6 +273,24 @@ def test_half_step_by_hand():
                           integrator="half_step") == pytest.approx((1.5, 0.25), rel=1e-15)
 
 
+@pytest.mark.parametrize(("dtype", "sigma", "length"), [
+    (np.float32, 2.4683865e-07, 8.648125e+08),  # e^(−x/2) is 4e-47, no float32; the light 3.83e-38 is one
+    (np.float32, 1.0, 180.0), (np.float64, 1.5e-6, 1e9), (np.float64, 1.46e-19, 1e22), (np.float64, 1480.0, 1.0)])
+def test_half_step_keeps_light_whose_exponential_is_lost(dtype, sigma, length):
+    """d·e^(−σd/2) is a normal number where e^(−σd/2) is none; only rounding σd costs digits then."""
+    sigma, length = dtype(sigma), dtype(length)
+    light = slice_integral(dtype(1.0), sigma, length, integrator="half_step")[0]
+    with mpmath.workdps(40):
+        depth = mpmath.mpf(float(sigma)) * mpmath.mpf(float(length))
+        exact = mpmath.mpf(float(length)) * mpmath.exp(-depth / 2)
+        if exact < np.finfo(dtype).tiny:  # then the spacing of the least numbers
+            assert abs(float(light) - exact) <= np.finfo(dtype).smallest_subnormal
+            return
+        error = float(abs(mpmath.mpf(float(light)) / exact - 1))
+    allowed = 1.0 if dtype == np.float32 else 4.0 + float(depth) / 2.0
+    assert error <= allowed * float(np.finfo(dtype).eps)
+
+
 @pytest.mark.parametrize("name", HIGHER)
 def test_same_bits_whatever_the_blocks_and_colours(name, monkeypatch):
     rng = np.random.default_rng(2)

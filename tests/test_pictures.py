@@ -114,6 +114,28 @@ def test_literal_colours_of_normals_and_transmittance() -> None:
     assert Display("unit", 0, 1, 1).paint(np.full((1, 1, 1), 0.5))[0, 0].tolist() == [128, 128, 128]
 
 
+def test_the_albedo_of_media_fills_its_range_and_says_so() -> None:
+    """0.9 to 0.95 would all be white; a surface's albedo stays as it is."""
+    albedo = np.array([[0.9, 0.925, 0.95]] * 3).reshape(3, 1, 1, 3)
+    display = display_for("media/albedo", albedo)
+    assert display.paint(albedo)[0, 0].tolist() == [[0] * 3, [188] * 3, [255] * 3]
+    assert display.label() == "0.9 (black) to 0.95 (white) in each channel"
+    assert display_for("surface/albedo", albedo).kind == display_for("media/albedo", albedo * 0 + 0.9).kind == (
+        "reflectance")
+
+
+@pytest.mark.parametrize("name", ["media/scattering", "media/albedo", "surface/albedo", "media/extinction"])
+def test_colours_have_a_scale(name: str) -> None:
+    """A bar that begins with the colour of the lowest value and ends with that of the largest."""
+    values = np.random.default_rng(6).random((3, 4, 4, 4)) * 0.5 + 0.25
+    display = display_for(name, values)
+    bar = np.asarray(panels.legend(display, 400))[12, :100]
+    low = 0.0 if display.kind == "colour" else display.low
+    for pixel, value in ((bar[0], low), (bar[-1], display.high)):
+        np.testing.assert_array_equal(pixel, display.paint(np.full((3, 1), value))[0])
+    assert (np.diff(bar.sum(axis=1)) >= 0).all()
+
+
 @pytest.mark.parametrize(("level", "raised"), [(3.0, 1.0), (0.25, 1.0), (0.2, 2.0), (0.01, 32.0), (0.0, 1.0)])
 def test_dark_radiance_is_exposed_by_the_power_of_two_that_is_named(level: float, raised: float) -> None:
     display = display_for("integrate/radiance", np.full((3, 2, 2, 2), level))

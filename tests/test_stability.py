@@ -19,8 +19,9 @@ from froxel_ref import kernel_registry, stability
 from froxel_ref.cli import main
 from froxel_ref.display import NOT_A_NUMBER
 from froxel_ref.records import InputError
-from froxel_ref.stability import Kernel, Parameter, errors_in_ulp, kernels, sample, sweep
-from froxel_ref.stability_pictures import BAD, error_plane, heat_map
+from froxel_ref.stability import FAULTS, Kernel, Parameter, errors_in_ulp, examine, kernels, sample, sweep
+from froxel_ref.stability_inputs import axis, map_of
+from froxel_ref.stability_pictures import MARKS, error_plane, heat_map
 from froxel_ref.tonemap import FLOAT16_LARGEST_LUMA, inverse_tone_map, luma, tone_map
 
 ALL = kernels()
@@ -29,8 +30,14 @@ SAMPLES = 40
 
 
 @pytest.fixture(scope="module")
-def measures():
-    return {(m.kernel, m.form, m.precision): m for m in sweep(ALL, samples=SAMPLES)}
+def found():
+    """All kernels, examined once."""
+    return {kernel.name: examine(kernel, SAMPLES) for kernel in ALL}
+
+
+@pytest.fixture(scope="module")
+def measures(found):
+    return {(m.kernel, m.form, m.precision): m for each in found.values() for m in each.measures}
 
 
 def first(kernel: Kernel) -> str:
@@ -76,6 +83,8 @@ def test_every_kind_of_failure_is_seen(form, count):
     row = sweep([kernel], samples=50)[0]
     assert getattr(row, count) > 10
     assert not row.sound
+    assert row.verdict == "fails"
+    assert f"{getattr(row, count)} {FAULTS[count]}" in row.reason
     if count != "rising":
         others = {"not_a_number", "infinite", "negative", "above"} - {count}
         assert not any(getattr(row, other) for other in others)
@@ -86,7 +95,45 @@ def test_a_wrong_digit_is_seen_with_its_place():
     right, wrong = sweep([kernel._replace(precisions=("float64",))], samples=30)
     assert (right.worst, right.sound) == (0.0, True)
     assert (wrong.worst, wrong.place, wrong.worst_well) == (1.0, (1.0,), 1.0)
-    assert wrong.mean == pytest.approx(1.0 / 31)
+    # 30 random inputs, one by hand, and the map's, none of which is 1.
+    assert wrong.cases == 31 + len(map_of(kernel, "float64").inputs[0])
+    assert wrong.mean == pytest.approx(1.0 / wrong.cases)
+
+
+def test_the_map_s_inputs_count_in_the_table():
+    """A kernel that is wrong in a narrow band, which two random inputs miss, but one of 240 in a line does not."""
+    wrong = made({"wrong": lambda x: np.where((x > 20) & (x < 23), -x, x)}, precisions=("float64",))
+    [row] = sweep([wrong], samples=2)
+    band = [(values > 20) & (values < 23) for values in (sample(wrong, 2, "float64").inputs[0],
+                                                         map_of(wrong, "float64").inputs[0])]
+    assert not band[0].any()
+    assert row.negative == band[1].sum() > 0
+    assert 20 < row.place[0] < 23
+
+
+@pytest.mark.parametrize(("form", "exact", "verdict", "reason"), [
+    (lambda x: x, lambda mp, x: x, "sound", ""),
+    (lambda x: x * (1 + 9 * np.finfo(x.dtype).eps), lambda mp, x: x, "inexact", "ulp at a condition number below 4"),
+    (lambda x: x * 0 + 1, lambda mp, x: x, "inexact", "ulp at a condition number below 4"),
+    (lambda x: x * 0 + 1, lambda mp, x: mp.exp(mp.mpf(2)**40 * (x - 1)), "inexact", "ulp per 1 + condition number"),
+    (lambda x: -x, lambda mp, x: x, "fails", " negative")])
+def test_a_verdict_on_digits(form, exact, verdict, reason):
+    """Nothing invalid is not enough: a constant 1 has no digit of x."""
+    x = Parameter("x", "1", "linear", 1.0, 1.0 + 2.0**-36, (1.0 + 2.0**-37,))
+    [row] = sweep([made({"made": form}, exact, precisions=("float64",))._replace(parameters=(x,))], samples=50)
+    assert (row.verdict, row.sound) == (verdict, verdict == "sound")
+    assert row.reason.endswith(reason)
+    assert bool(row.reason) != row.sound
+
+
+def test_infinity_is_no_fault_next_to_the_largest_number():
+    """65519.9 is a float16; what 8·(1 + condition) roundings of float32 make of it may not be."""
+    near, far = 65519.96, 65000.0
+    for value, faults in ((near, 0), (far, 1)):
+        x = Parameter("x", "1", "choice", 0.0, 1.0, (1.0,))
+        kernel = made({"made": lambda x: x * np.inf}, lambda mp, x, v=value: x * v, precisions=("float16",))
+        [row] = sweep([kernel._replace(parameters=(x,))], samples=2)
+        assert (row.infinite > 0) == bool(faults)
 
 
 @pytest.mark.parametrize(("exact", "condition"), [
@@ -277,8 +324,8 @@ def test_error_plane_shows_where_it_fails():
     """The published slice integral is worst where slices are thin, and right where they are thick."""
     [kernel] = kernels(["slice_integral"])
     plane = error_plane(kernel, "published", "float32", columns=20, rows=12)
-    thick = plane.across.values[None] * plane.up.values[:, None] > 1e3
-    fog = np.broadcast_to(plane.across.values > 1e-4, thick.shape)
+    thick = plane.chart.across.values[None] * plane.chart.up.values[:, None] > 1e3
+    fog = np.broadcast_to(plane.chart.across.values > 1e-4, thick.shape)
     assert np.nanmax(plane.errors[thick & fog]) < 4.0
     assert np.nanmax(plane.errors[~thick & fog]) > 1e4
     assert np.nanmax(error_plane(kernel, "corrected", "float32", columns=20, rows=12).errors) < 1.0
@@ -287,22 +334,76 @@ def test_error_plane_shows_where_it_fails():
 QUICK = ("rayleigh", "slice_integral", "exponential_depth", "tone_map_round_trip", "product_error")
 
 
-@pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in NAMES])
-def test_every_kernel_has_a_picture(name):
-    picture = heat_map(kernels([name])[0])
+@pytest.mark.parametrize("name", NAMES)
+def test_every_kernel_has_a_picture(found, name):
+    picture = heat_map(kernels([name])[0], found[name])
     assert picture.dtype == np.uint8
     assert picture.shape[1] >= 600
-    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20
+    assert len(np.unique(picture.astype(int) @ [65536, 256, 1])) > 20
     assert not (picture == NOT_A_NUMBER).all(axis=-1).any()
 
 
-def test_failures_are_marked_in_the_picture():
+@pytest.mark.parametrize("name", QUICK)
+def test_a_picture_needs_nothing_but_its_kernel(name):
+    assert np.array_equal(heat_map(kernels([name])[0]), heat_map(kernels([name])[0], examine(kernels([name])[0])))
+
+
+def painted(forms, **options):
+    """Pixels of each mark in the picture of a made kernel of two parameters."""
+    x = Parameter("x", "1", "magnitude", 1e-3, 1e3, (1.0,))
+    kernel = made(forms, lambda mp, x, y: x, precisions=("float32",), **options)._replace(parameters=(x, x))
+    picture = heat_map(kernel, examine(kernel, 10))
+    return {name: int((picture == colour).all(axis=-1).sum()) for name, (colour, _) in MARKS.items()}
+
+
+@pytest.mark.parametrize(("form", "name"), [
+    (lambda x, y: np.where(x > 1, np.nan, x), "not_a_number"), (lambda x, y: np.where(x > 1, np.inf, x), "infinite"),
+    (lambda x, y: np.where(x > 1, -x, x), "negative"), (lambda x, y: np.where(x > 1, 3e3, x), "above"),
+    (lambda x, y: np.where(x > 1, x, 0.5), "rising")])
+def test_failures_are_marked_each_by_its_own_colour(form, name):
+    """Half of the cells, without what the hatch takes; and nothing of a mark, its legend included, without it."""
+    options = {"at_most": 2e3, "falling": 0 if name == "rising" else None}
+    sound, wrong = painted({"made": lambda x, y: x}, at_most=2e3), painted({"made": form}, **options)
+    # The verdict over the panel has the colour of infinity: some hundred pixels.
+    assert wrong[name] > 368 * 208 // 8
+    assert all(count == 0 for count in sound.values())
+    assert all(count == 0 for other, count in wrong.items() if other not in (name, "infinite"))
+    assert name == "infinite" or wrong["infinite"] < 3000
+
+
+def test_failures_are_marked_in_the_picture(found):
     [kernel] = kernels(["tone_map_round_trip"])
-    legend = 12 * 12
-    red = (heat_map(kernel) == BAD).all(axis=-1).sum()
-    assert red > legend + 1000
-    sound = heat_map(kernel._replace(forms={"corrected": kernel.forms["corrected"]}))
-    assert (sound == BAD).all(axis=-1).sum() == legend
+    bad = MARKS["infinite"][0]
+    assert (heat_map(kernel, found[kernel.name]) == bad).all(axis=-1).sum() > 12 * 12 + 1000
+    only = kernel._replace(forms={"corrected": kernel.forms["corrected"]})
+    assert (heat_map(only, examine(only, SAMPLES)) == bad).all(axis=-1).sum() == 0
+
+
+@pytest.mark.parametrize("kernel", ALL, ids=lambda kernel: kernel.name)
+def test_the_worst_of_the_table_lies_on_the_map(found, kernel):
+    """Ranges cover −1 and 1, what was picked by hand, and whatever was drawn."""
+    for row in found[kernel.name].measures:
+        chart = found[kernel.name].trials[row.precision].chart
+        for edge, value, parameter in zip((chart.across, chart.up), row.place, kernel.parameters, strict=False):
+            # As float32 a picked end may be the next number.
+            low, high = edge.values[0], edge.values[-1]
+            assert low - 1e-6 * abs(low) <= value <= high + 1e-6 * abs(high)
+            assert 0.0 < edge.share(value) < 1.0
+            if parameter.low == -1.0:
+                assert (low, high) == (pytest.approx(-1.0, abs=1e-6), pytest.approx(1.0, abs=1e-6))
+
+
+def test_edges_of_a_map_by_hand():
+    both = axis(Parameter("cos θ", "1", "cosine", -1.0, 1.0), 40, "float64")
+    assert (both.values[0], both.values[-1], both.share(0.0)) == (-1.0, 1.0, 0.5)
+    assert (np.diff(both.values) > 0.0).all()
+    np.testing.assert_array_equal(both.values, -both.values[::-1])
+    thin = axis(Parameter("σ", "1/m", "magnitude", 1e-300, 1e8, (0.0, 5e-324, 1.0, 1e30)), 40, "float64")
+    assert thin.values[:3].tolist() == [0.0, 5e-324, 1e-300]
+    assert thin.values[-1] == 1e30
+    cells = [thin.share(v) * len(thin.values) for v in (0.0, 5e-324, 1e30)]
+    assert cells == pytest.approx([0.5, 1.5, len(thin.values) - 0.5], rel=1e-14)
+    assert {words: share for share, words in thin.ticks}["1"] == pytest.approx(thin.share(1.0), abs=0.02)
 
 
 # --- the report -------------------------------------------------------------------------------------
@@ -350,9 +451,13 @@ def test_the_report_is_complete(tmp_path: Path, capsys):
     assert len(rows) == len(table) == 3 * 3 + 2 * 3
     for (name, row), line in zip(rows, table, strict=True):
         assert (name, row["form"], row["precision"]) == (line["kernel"], line["form"], line["precision"])
-        assert float(row["worst"]) == float(line["worst"])
-        assert line["sound"] == str(row["sound"]).lower()
-        assert [float(v) for v in line["inputs_at_worst"].split()] == row["place"]
+        assert float(row["worst_ulp"]) == float(line["worst_ulp"])
+        assert (line["verdict"], line["reason"]) == (row["verdict"], row["reason"])
+        inputs = dict(part.split("=") for part in line["inputs_at_worst"].split("; "))
+        assert {key: float(value) for key, value in inputs.items()} == row["inputs_at_worst"]
+        assert list(line)[2:] == list(row) == list(document["columns"])
+        assert float(row["worst_relative"]) == float(line["worst_relative"])
+    assert all(isinstance(kernel["seed"], int) for kernel in document["kernels"])
     for name in ("schlick", "tone_map_round_trip"):
         assert f"{name}" in out
         with Image.open(report / f"{name}.png") as picture:
@@ -363,14 +468,17 @@ def test_the_page_needs_nothing_but_itself(report: Path):
     text = (report / "index.html").read_text()
     page = Page(text)
     assert page.rows == 1 + 15
-    assert page.heads == 18
+    assert page.heads == 9
     assert len(page.images) == 2
     assert all(source.startswith("data:image/png;base64,") for source in page.images)
     assert all(link.startswith("#") for link in page.links)
     assert not re.search(r"https?://|@import|url\(", text)
     assert "color-scheme:light dark" in text
     assert "width=device-width" in text
-    assert "fails" in text
+    for verdict in ("fails", "inexact", "sound"):
+        assert f"<b class={verdict}>{verdict}</b>" in text
+    assert re.search(r"<b class=fails>fails</b><small>[1-9]\d* infinite, [1-9]\d* negative</small>", text)
+    assert "cos θ = <span>" in text
 
 
 def test_the_same_again_is_the_same(report: Path, tmp_path: Path):
@@ -395,7 +503,9 @@ def test_a_report_is_replaced_by_force_only(tmp_path: Path, capsys):
 
 
 @pytest.mark.parametrize(("arguments", "says"), [
-    (["--kernel", "slice_integrel"], "did you mean 'slice_integral'?"), (["--kernel", ""], "kernel: is ''"),
+    (["--kernel", "slice_integrel"], "did you mean 'slice_integral'"), (["--kernel", ""], "--kernel: is ''"),
+    (["--kernel", "hg"], "--kernel: is 'hg'; did you mean 'henyey_greenstein'? froxel-ref stability --list names all"),
+    (["--kernel", "zzz"], "--kernel: is 'zzz'; froxel-ref stability --list names all"), (["-o", ""], "output: is ''"),
     (["--samples", "1"], "--samples: is '1'"), (["--samples", "many"], "--samples: is 'many'"),
     (["--samples", "²"], "--samples"), (["-o", "missing/folder"], "its folder does not exist"),
     (["-o", "taken"], "is a file, must be a folder"), (["--kernell", "x"], "unrecognized")])
@@ -410,8 +520,16 @@ def test_bad_input_is_one_line(arguments, says, tmp_path, monkeypatch, capsys):
     assert [p.name for p in tmp_path.iterdir()] == ["taken"]
 
 
+def test_the_kernels_are_listed(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["stability", "--list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == ["kernel", *NAMES]
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_an_interruption_leaves_nothing(tmp_path, monkeypatch):
-    def stop(kernel):
+    def stop(kernel, found):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("froxel_ref.stability_pictures.heat_map", stop)
@@ -424,7 +542,7 @@ def test_progress_is_told(tmp_path):
 
     told = []
     write_report(kernels(["rayleigh"]), tmp_path / "out", samples=4, progress=lambda *what: told.append(what))
-    assert told == [("rayleigh", 0, 2), ("rayleigh: picture", 1, 2)]
+    assert told == [("rayleigh", 0, 1)]
 
 
 def test_help_has_an_example(capsys):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
 import math
 
 import numpy as np
@@ -10,10 +12,15 @@ import pytest
 
 from froxel_ref import load, run_frame
 from froxel_ref.cli import main
+from froxel_ref.cli_truth import _summary
+from froxel_ref.panels import PAPER, View
 from froxel_ref.records import InputError
 from froxel_ref.scene import Box, Camera, DirectionalLight, Medium, Plane, Scene, Transform
+from froxel_ref.scene_files import document
 from froxel_ref.settings import Grid, Settings, replace
-from froxel_ref.truth_image import FILTER_GAUSS, FILTER_KRONROD, FILTER_NODES, render_truth
+from froxel_ref.truth_files import Options
+from froxel_ref.truth_image import FILTER_GAUSS, FILTER_KRONROD, FILTER_NODES, TruthImage, render_truth
+from froxel_ref.truth_pictures import UNCONVERGED, difference, error_picture, overview
 
 SIZE = ["scene.camera.width=24", "scene.camera.height=14"]
 
@@ -85,6 +92,9 @@ def test_the_box_filter_is_a_mean_over_pixels():
     # The midpoint rule of 15 × 15 pixels is off by 3e-4.
     np.testing.assert_allclose(box.radiance, mean, rtol=1e-3)
     assert (box.error < 1e-4 * box.radiance).all()
+    assert (box.filter_error > 0.0).all()
+    assert (box.filter_error < box.error).all()
+    assert not render_truth(scene).filter_error.any()
     edge = Scene(camera=Camera(width=1, height=1, target=(0.3, 1.7, -1)), ambient=(1, 1, 1), background=(0, 0, 0),
                  surfaces=(Box(transform=Transform(translate=(0, 1.7, -3))),))
     assert render_truth(edge, pixel_filter="box").error[0, 0, 0] > 0.01
@@ -98,36 +108,144 @@ def test_unknown_filters_are_refused():
 # --- the command ------------------------------------------------------------------------------------
 
 
+FILES = ["contact_sheet.png", "converged.npy", "error.npy", "error.png", "evaluations.npy", "fog_radiance.npy",
+         "fog_transmittance.npy", "manifest.json", "radiance.npy", "radiance.png"]
+
+
 def test_the_command_writes_image_error_and_picture(tmp_path, capsys):
     folder = tmp_path / "out"
     command = ["truth", "two-volumes", "--size", "16x9", "-o", str(folder)]
     assert main(command) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[-1] == str(folder / "radiance.png")
-    assert lines[-2].startswith("100.00% of 144 pixels converged, largest estimated error")
-    radiance, error = np.load(folder / "radiance.npy"), np.load(folder / "error.npy")
+    assert lines[-1] == str(folder / "contact_sheet.png")
+    assert lines[0].startswith("rays: to reach 0.0001, all 144 pixels did; largest estimated error")
     scene, settings, _ = load("two-volumes", overrides=["scene.camera.width=16", "scene.camera.height=9"])
     want = render_truth(scene, settings)
-    np.testing.assert_array_equal(radiance, np.moveaxis(want.radiance, 0, -1))
-    np.testing.assert_array_equal(error, np.moveaxis(want.error, 0, -1))
+    for name in ("radiance", "error", "fog_radiance"):
+        np.testing.assert_array_equal(np.load(folder / f"{name}.npy"), np.moveaxis(getattr(want, name), 0, -1))
+    np.testing.assert_array_equal(np.load(folder / "fog_transmittance.npy"), want.fog_transmittance)
     assert (folder / "radiance.png").stat().st_size > 100
     assert np.load(folder / "converged.npy").all()
+    assert sorted(path.name for path in folder.iterdir()) == FILES
     assert main(command) == 2
     assert "exists; give --force" in capsys.readouterr().err
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert main([*command, "--force"]) == 0
+    assert before == {path.name: path.read_bytes() for path in folder.iterdir()}
     (folder / "mine.txt").write_text("keep")
     assert main([*command, "--force"]) == 2
     assert (folder / "mine.txt").read_text() == "keep"
 
 
+def test_the_manifest_says_what_the_arrays_are(tmp_path):
+    folder = tmp_path / "out"
+    assert main(["truth", "lights", "--size", "6x4", "--grid", "8x6x4", "--filter", "box", "--shadows", "exact",
+                 "--rtol", "1e-2", "-o", str(folder)]) == 0
+    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    loaded = load("lights", overrides=["camera.width=6", "camera.height=4", "grid.width=8", "grid.height=6",
+                                       "grid.depth=4"])
+    assert manifest["input"] == document(loaded.scene, loaded.settings)
+    assert manifest["truth"] == {"rtol": 1e-2, "shadows": "exact", "volumetric_shadows": False, "filter": "box"}
+    assert (manifest["pixels"], manifest["unconverged"]) == (24, 0)
+    entries = {entry["name"]: entry for entry in manifest["arrays"]}
+    for name, entry in entries.items():
+        array = np.load(folder / entry["file"])
+        assert list(array.shape) == entry["shape"], name
+        assert array.dtype.newbyteorder("<").str == entry["dtype"]
+        assert entry["axes"] == ["y", "x", "channel"][:array.ndim]
+        assert entry["sha256"] == hashlib.sha256((folder / entry["file"]).read_bytes()).hexdigest()
+    assert {entry["file"] for entry in entries.values()} | set(manifest["pictures"]) | {"manifest.json"} == {
+        path.name for path in folder.iterdir()}
+    assert (np.load(folder / "filter_error.npy") <= np.load(folder / "error.npy")).all()
+    frame = run_frame(loaded.scene, loaded.settings)
+    truth = np.moveaxis(np.load(folder / "radiance.npy"), -1, 0)
+    away = np.broadcast_to(frame["apply/radiance"], truth.shape) - truth
+    against = manifest["frame_against_truth"]
+    assert against["rms"] == pytest.approx(math.sqrt((away**2).mean()) / truth.mean(), rel=1e-12)
+    x, y = against["pixel"]
+    assert against["worst"] == pytest.approx(np.abs(away[:, y, x]).max() / truth[:, y, x].max(), rel=1e-12)
+
+
+def test_a_folder_that_is_no_truth_is_never_replaced(tmp_path, capsys):
+    """Names alone do not make it one."""
+    (tmp_path / "radiance.npy").write_bytes(b"mine")
+    assert main(["truth", "uniform", "--size", "2x2", "-o", str(tmp_path), "--force"]) == 2
+    assert "holds 'radiance.npy', which is not part of a truth" in capsys.readouterr().err
+    assert (tmp_path / "radiance.npy").read_bytes() == b"mine"
+
+
+def made_image(missed=(), edges=0.0, error=1e-6):
+    """Four pixels of radiance 1, with an error each."""
+    converged = np.ones((2, 2), bool)
+    for place in missed:
+        converged[place] = False
+    filtered = np.zeros((3, 2, 2))
+    filtered[:, 0, 1] = edges
+    ones = np.ones((3, 2, 2))
+    return TruthImage(ones, error * ones + filtered, 0.5 * ones, ones[0], converged, np.full((2, 2), 15), filtered)
+
+
+@pytest.mark.parametrize(("image", "kind", "says"), [
+    (made_image(), "centre", ["rays: to reach 0.0001, all 4 pixels did; largest estimated error 2.0e-06"]),
+    (made_image([(1, 0)]), "centre", ["rays: to reach 0.0001, 1 of 4 pixels did not; "]),
+    (made_image(edges=0.43), "box", ["all 4 pixels did; largest estimated error 2.0e-06 of the fog's radiance",
+                                     "filter: 1 of 4 pixels exceed 0.0001, where edges cross them; largest "
+                                     "estimated error 4.3e-01"])])
+def test_rays_and_filter_are_told_apart(image, kind, says):
+    """A pixel that an edge crosses is no failure of the rays, and one in a million that failed is told."""
+    lines = _summary(image, Options(1e-4, "off", False, kind))
+    assert len(lines) == len(says)
+    assert all(words in line for words, line in zip(says, lines, strict=True))
+
+
+def test_pictures_of_the_error_mark_what_did_not_converge():
+    good, bad = (error_picture(made_image(missed)) for missed in ([], [(1, 0), (0, 0)]))
+    red = [(picture == UNCONVERGED).all(axis=-1).sum() for picture in (good, bad)]
+    assert red[0] == 0
+    assert red[1] == 380**2  # one of the two: they take turns; two texels in 760 px
+
+
+def test_a_difference_by_hand():
+    truth = np.array([[[1.0, 4.0], [0.0, 0.0]]] * 3)
+    frame = truth + np.array([[[0.5, -1.0], [0.0, 3.0]], [[0.0, 0.0], [0.0, 0.0]], [[0.0, 2.0], [0.0, 0.0]]])
+    found = difference(frame, truth)
+    np.testing.assert_array_equal(found.relative, [[0.5, 0.5], [0.0, np.inf]])
+    assert (found.worst, found.pixel, found.median) == (0.5, (0, 0), 0.5)
+    assert found.rms == pytest.approx(math.sqrt((0.25 + 1 + 9 + 4) / 12) / 1.25, rel=1e-14)
+
+
+@pytest.mark.parametrize(("size", "missing"), [((2, 2), 0.0), ((1, 1), 0.0), ((300, 2), np.inf), ((2, 900), 1.0)])
+def test_the_overview_is_a_page_for_any_image(size, missing):
+    """Nothing runs off it, whatever the shape, and whatever the difference is."""
+    rng = np.random.default_rng(3)
+    height, width = size
+    truth = rng.random((3, height, width))
+    ones = np.ones((height, width))
+    image = TruthImage(truth, 1e-5 * truth, truth, ones, ones > 0, 15 * ones, 0 * truth)
+    frame = np.where(truth > 0.5, truth, truth * (1 + (missing if np.isfinite(missing) else 1e300)))
+    page = overview(image, frame, View(Camera(width=width, height=height), Grid()), title="t", facts="f",
+                    frame_facts="g")
+    assert page.dtype == np.uint8
+    edge = np.concatenate([page[:20].reshape(-1, 3), page[-20:].reshape(-1, 3), page[:, :20].reshape(-1, 3),
+                           page[:, -20:].reshape(-1, 3)])
+    assert (edge == PAPER).all()
+
+
 @pytest.mark.parametrize(("arguments", "message"), [
-    (["uniform", "--rtol", "0"], "rtol: is 0, must be at least 1e-13"),
-    (["uniform", "--rtol", "1e-16"], "rtol: is 1e-16, must be at least 1e-13"),
+    (["uniform", "--rtol", "0"], "--rtol: is 0, must be at least 1e-13"),
+    (["uniform", "--rtol", "1e-16"], "--rtol: is 1e-16, must be at least 1e-13"),
     (["uniform", "--rtol", "tight"], "--rtol: is 'tight', must be a number"),
-    (["vacuum"], "scene: has no medium with extinction or emission: nothing to integrate"),
+    (["uniform", "--rtol", "١e-3"], "--rtol: is '١e-3', must be a number"),
+    (["uniform", "--rtol", "nan"], "--rtol: is 'nan', must be a number"),
+    (["uniform", "--rtol", "1_0e-3"], "--rtol: is '1_0e-3', must be a number"),
+    (["vacuum"], "scene: has no medium with extinction or emission: nothing to integrate; to see its surfaces: "
+                 "froxel-ref render vacuum"),
     (["uniform", "--set", "lights=[]"], "scene: has no light, no ambient light and no emission"),
-    (["uniform", "--shadows", "maps"], "shadows: is 'maps'"),
-    (["uniform", "--filter", "tent"], "pixel_filter: is 'tent'"),
+    (["uniform", "--shadows", "soft"], "--shadows: is 'soft', must be off or exact"),
+    (["uniform", "--filter", "tent"], "--filter: is 'tent', must be centre or box"),
+    (["uniform", "--filter", "tent", "-o", "."], "--filter: is 'tent', must be centre or box"),
+    (["uniform", "-o", ""], "output: is '', must be a name to write to"),
+    (["uniform", "-o", "a/b/c"], "output: 'a/b/c' cannot be written: its folder does not exist"),
     (["uniform", "-o", "/no/such/place"], "output: '/no/such/place' cannot be written: its folder does not exist"),
 ])
 def test_bad_commands_are_one_line(arguments, message, tmp_path, capsys, monkeypatch):
