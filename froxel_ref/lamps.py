@@ -1,7 +1,8 @@
 """What point and spot lights add to a block of froxels, in passes over arrays that stay in the cache.
 
 The arithmetic along the ray (`froxel_ref.light_rays`) as NumPy does it fastest: a light costs some 20
-passes, each into memory that is at hand, and none of them a choice between two results.
+passes, each into memory that is at hand, and none of them a choice between two results. Lights that touch
+few froxels of a block are laid out one behind another, so that most passes are over many lights at once.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from froxel_ref.arrays import Field, Visibility
+from froxel_ref.arrays import Candidates, Field, Index, Visibility
 from froxel_ref.grid import Froxels, froxel_points
-from froxel_ref.light_rays import LightRays, Rect, farthest_distance, light_rays, rect
+from froxel_ref.light_rays import Boxes, ConeRays, LightRays, farthest_distance, light_rays, rects
 from froxel_ref.phase import phase
 from froxel_ref.records import InputError
 from froxel_ref.scene import PointLight
@@ -30,6 +32,9 @@ Type: TypeAlias = "np.dtype[np.floating[Any]]"
 # rounding of d enters the phase function with 1½ times this factor: up to 12 ulp, about what a ray
 # direction rounded to the same type costs there. Above, four more passes keep all digits.
 PLAIN = 8.0
+
+# Froxels, of as many lights as it takes, that are worked on at a time: five arrays of them stay in the cache.
+BATCH = 16384
 
 
 class Lobe(NamedTuple):
@@ -71,21 +76,24 @@ class Lamps(NamedTuple):
     ----------
     froxels : Froxels
         The grid.
-    rays : list of LightRays
+    rays : LightRays
         The lights.
-    colours : list of list of Field, shape (3, 1, 1, 1)
-        For each lobe and light, its intensity with all constant factors.
+    colours : list of Field, shape (n, 3, 1, 1, 1)
+        For each lobe, the lights' intensities with all constant factors.
     depths : dict of float to Field, shape (D, 1, 1)
         The samples' view depth in each light's unit.
     visibility : Visibility
         As for `froxel_ref.lighting.in_scattering`.
+    candidates : Candidates or None
+        Which lights a block has to visit; all of them unless given.
     """
 
     froxels: Froxels
-    rays: list[LightRays]
-    colours: list[list[Field]]
+    rays: LightRays
+    colours: list[Field]
     depths: dict[float, Field]
     visibility: Visibility
+    candidates: Candidates | None = None
 
 
 def make_lobe(scattering: Field, share: float, first: bool, name: str, g: Field | float, dtype: Type) -> Lobe:
@@ -138,7 +146,8 @@ def make_lobe(scattering: Field, share: float, first: bool, name: str, g: Field 
 
 
 def relate_lamps(lights: Mapping[int, PointLight], lobes: Sequence[Lobe], froxels: Froxels, *,
-                 attenuation: str, restrict: bool, visibility: Visibility) -> Lamps:
+                 attenuation: str, restrict: bool, visibility: Visibility, candidates: Candidates | None = None,
+                 threads: int | None = None) -> Lamps:
     """Prepare point and spot lights for the blocks of a grid.
 
     Parameters
@@ -149,7 +158,7 @@ def relate_lamps(lights: Mapping[int, PointLight], lobes: Sequence[Lobe], froxel
         The parts of the medium.
     froxels : Froxels
         The grid, shape (D, H, W).
-    attenuation, restrict, visibility
+    attenuation, restrict, visibility, candidates, threads
         As for `froxel_ref.lighting.in_scattering`.
 
     Returns
@@ -168,16 +177,19 @@ def relate_lamps(lights: Mapping[int, PointLight], lobes: Sequence[Lobe], froxel
     ...                 for z in (-6.0, 20.0))
     >>> lamps = relate_lamps({0: near, 1: behind}, [lobe], froxels, attenuation="min_distance",
     ...                      restrict=True, visibility={})
-    >>> [lamp.number for lamp in lamps.rays]
+    >>> lamps.rays.numbers.tolist()
     [0]
     """
     dtype = froxels.depths.dtype
-    rays = light_rays(lights, froxels, attenuation=attenuation, restrict=restrict)
-    units = {lamp.unit for lamp in rays}
+    rays = light_rays(lights, froxels, attenuation=attenuation, restrict=restrict, threads=threads)
     farthest = farthest_distance(dtype) / float(froxels.rays.length.max())
-    depths = {size: np.minimum(froxels.depths.astype(np.float64) / size, farthest).astype(dtype) for size in units}
-    colours = [[channels(lamp.intensity * _factor(lobe, lamp), dtype) for lamp in rays] for lobe in lobes]
-    return Lamps(froxels, rays, colours, depths, visibility)
+    depths = {size: np.minimum(froxels.depths.astype(np.float64) / size, farthest).astype(dtype)
+              for size in np.unique(rays.units).tolist()}
+    # What is constant in the phase function and, as `_window` leaves it, in the window.
+    window = np.where(rays.windowed, 0.25, 1.0)[:, np.newaxis]
+    colours = [np.asarray(np.minimum(rays.intensity * (_factor(lobe) * window), np.finfo(dtype).max), dtype)
+               .reshape(-1, 3, 1, 1, 1) for lobe in lobes]
+    return Lamps(froxels, rays, colours, depths, visibility, candidates if restrict else None)
 
 
 def channels(values: Any, dtype: Type) -> Field:
@@ -235,14 +247,13 @@ def part(field: Field, z: slice, y: slice) -> Field:
     return field[..., z if field.shape[-3] > 1 else every, y if field.shape[-2] > 1 else every, :]
 
 
-def _factor(lobe: Lobe, lamp: LightRays) -> float:
-    """What is constant in a lobe's phase function and, as `_reach` leaves it, in a light's window."""
-    factor = lobe.share * (0.25 if lamp.windowed else 1.0)
+def _factor(lobe: Lobe) -> float:
+    """What is constant in a lobe's phase function."""
     if lobe.name == "isotropic":
-        return factor * 0.25 / math.pi
+        return lobe.share * 0.25 / math.pi
     if lobe.name == "henyey_greenstein" and not lobe.scaled:
-        return factor * float(prefactor(lobe.g)[0, 0, 0])
-    return factor
+        return lobe.share * float(prefactor(lobe.g)[0, 0, 0])
+    return lobe.share
 
 
 def prefactor(g: Field) -> Field:
@@ -286,15 +297,29 @@ class Terms(NamedTuple):
     sign: Field | None
 
 
-class Work(NamedTuple):
-    """One light in one block: where it is, in the grid and in the block, and arrays of that shape.
+class Piece(NamedTuple):
+    """One light in one block: its place in the grid and in the block, and its part of the batch's arrays."""
 
-    ``s``, ``d`` and ``reach`` are the light's, the others are for free use.
+    k: int
+    area: Index
+    here: Index
+    across2: Field
+    nearest: Field
+    cone: ConeRays | None
+    s: Field
+    d: Field
+    reach: Field
+    v: Field
+    w: Field
+
+
+class Batch(NamedTuple):
+    """Lights in one block, laid out one behind another: flat arrays, and each light's views of them.
+
+    ``s``, ``d`` and ``reach`` are the lights', ``v`` and ``w`` are for free use.
     """
 
-    area: Rect
-    here: Rect
-    across2: Field
+    pieces: list[Piece]
     s: Field
     d: Field
     reach: Field
@@ -323,6 +348,7 @@ def add_lamps(lamps: Lamps, lobes: Sequence[Lobe], lights: Sequence[Field], memo
     -----
     With the terms of `froxel_ref.light_rays`, a light adds I·w(d²)·cone²·V/max(d², d_min²)·p(cos θ).
     Henyey–Greenstein needs no cos θ: p/d² is prefactor/(√(d·v)·v) with v = d + 2|g|/(1 − |g|)²·(d ± s).
+    Lights are added in their order, whatever shares a batch.
 
     Examples
     --------
@@ -340,32 +366,68 @@ def add_lamps(lamps: Lamps, lobes: Sequence[Lobe], lights: Sequence[Field], memo
     >>> bool(abs(light[0, 0, 1, 1] * 4.0 * math.pi * distance**2 - 1.0) < 1e-12)
     True
     """
+    chosen = _chosen(lamps, z, y)
+    areas = rects(lamps.rays.boxes[chosen], z, y)
+    sizes = np.prod(areas[:, 1::2] - areas[:, ::2], axis=1)
+    chosen, areas, sizes = chosen[sizes > 0], areas[sizes > 0], sizes[sizes > 0]
+    if not chosen.size:
+        return
     shape, dtype = lights[0].shape[1:], lights[0].dtype
-    scratch = _scratch(memory, 6 * lights[0][0].size, dtype)
-    along = scratch[-lights[0][0].size:].reshape(shape)
     terms = [_terms(lobe, z, y, shape, dtype) for lobe in lobes]
-    measured = 0.0
-    for k, lamp in enumerate(lamps.rays):
-        area = rect(lamp.boxes, z, y)
-        if area is None:
-            continue
-        if lamp.unit != measured:
-            measured = lamp.unit
-            np.multiply(lamps.depths[measured][z], lamps.froxels.rays.length[y], out=along)
-        work = _reach(lamps, lamp, area, along, scratch, z, y)
+    close = rects(lamps.rays.close[chosen], z, y)
+    for part in _batches(sizes):
+        batch = _lay_out(lamps, chosen[part].tolist(), areas[part].tolist(), int(sizes[part].sum()), memory, z, y)
+        _reach(lamps, batch, close[part].tolist())
         for lobe, term, colours, light in zip(lobes, terms, lamps.colours, lights, strict=True):
-            _weigh(lobe, _inside(term, work.here), work)
-            for channel, factor in zip(light, colours[k], strict=True):
-                np.multiply(work.w, factor, out=work.v)
-                np.add(channel[work.here], work.v, out=channel[work.here])
+            _weigh(lobe, term, batch)
+            for piece in batch.pieces:
+                for channel, factor in zip(light, colours[piece.k], strict=True):
+                    np.multiply(piece.w, factor, out=piece.v)
+                    target = channel[piece.here]
+                    np.add(target, piece.v, out=target)
 
 
-def _scratch(memory: threading.local, count: int, dtype: Type) -> Field:
-    """Memory that a thread uses block after block: fresh memory costs more than the arithmetic."""
-    if getattr(memory, "array", np.empty(0)).size < count:
-        memory.array = np.empty(count, dtype)
-    array: Field = memory.array
-    return array[:count]
+def _chosen(lamps: Lamps, z: slice, y: slice) -> NDArray[np.intp]:
+    """Places of the lights that a block has to visit."""
+    numbers = lamps.rays.numbers
+    if lamps.candidates is None:
+        return np.arange(len(numbers))
+    return np.flatnonzero(np.isin(numbers, lamps.candidates(z, y), assume_unique=True))
+
+
+def _batches(sizes: NDArray[np.intp]) -> list[slice]:
+    """Runs of lights that together fill a batch; a light that alone does more is one of its own."""
+    result, begin, total = [], 0, 0
+    for k, size in enumerate(sizes.tolist()):
+        if k > begin and total + size > BATCH:
+            result.append(slice(begin, k))
+            begin, total = k, 0
+        total += size
+    return [*result, slice(begin, len(sizes))]
+
+
+def _lay_out(lamps: Lamps, chosen: list[int], areas: list[list[int]], count: int, memory: threading.local,
+             z: slice, y: slice) -> Batch:
+    """Places and memory for a batch; fresh memory for each would cost more than the arithmetic."""
+    dtype = lamps.rays.nearest.dtype
+    if getattr(memory, "array", np.empty(0)).size < 5 * count:
+        memory.array = np.empty(5 * max(count, BATCH), dtype)
+    flat = memory.array[:5 * count].reshape(5, count)
+    pieces, begin = [], 0
+    for k, (z0, z1, y0, y1, x0, x1) in zip(chosen, areas, strict=True):
+        shape = z1 - z0, y1 - y0, x1 - x0
+        size = shape[0] * shape[1] * shape[2]
+        views = flat[:, begin:begin + size].reshape(5, *shape)
+        begin += size
+        top, _, left, _ = lamps.rays.windows[k].tolist()
+        rays = slice(y0 - top, y1 - top), slice(x0 - left, x1 - left)
+        nearest, across2 = lamps.rays.window(k)
+        here = slice(z0 - z.start, z1 - z.start), slice(y0 - y.start, y1 - y.start), slice(x0, x1)
+        cone = lamps.rays.cones.get(k)
+        pieces.append(Piece(
+            k, (slice(z0, z1), slice(y0, y1), slice(x0, x1)), here, across2[rays], nearest[rays],
+            cone and ConeRays(cone.slope[rays], cone.start[rays], cone.offset), *views))
+    return Batch(pieces, *flat)
 
 
 def _terms(lobe: Lobe, z: slice, y: slice, shape: tuple[int, ...], dtype: Type) -> Terms:
@@ -377,101 +439,119 @@ def _terms(lobe: Lobe, z: slice, y: slice, shape: tuple[int, ...], dtype: Type) 
     return Terms(np.broadcast_to(g, shape), np.broadcast_to(_slope(g), shape), sign)
 
 
-def _inside(terms: Terms, here: Rect) -> Terms:
-    """The terms in a part of the block."""
-    if terms.g.size == 1:
-        return terms
-    return Terms(terms.g[here], terms.slope[here], None if terms.sign is None else terms.sign[here])
+# --- a batch ----------------------------------------------------------------------------------------
 
 
-def _reach(lamps: Lamps, lamp: LightRays, area: Rect, along: Field, scratch: Field, z: slice,
-           y: slice) -> Work:
-    """Distances to a light, and what its window, cone and visibility leave of it (four times the window)."""
-    az, ay, ax = area
-    here = slice(az.start - z.start, az.stop - z.start), slice(ay.start - y.start, ay.stop - y.start), ax
-    t = along[here]
-    s, d, reach, v, w = scratch[:5 * t.size].reshape(5, *t.shape)
-    top, left = lamp.corner
-    rays = slice(ay.start - top, ay.stop - top), slice(ax.start - left, ax.stop - left)
-    work = Work(area, here, lamp.across2[rays], s, d, reach, v, w)
-    np.subtract(t, lamp.nearest[rays], out=s)
-    np.multiply(s, s, out=reach)
-    np.add(reach, work.across2, out=reach)
-    np.sqrt(reach, out=d)
-    close = rect(lamp.close, az, ay)
-    bound = None if close is None else _bound(work, close, lamp.smallest)
-    if lamp.windowed:  # sat(x) as (x + |x|)/2, for NumPy's maximum takes three times as long
-        np.multiply(reach, reach, out=reach)
-        np.subtract(1.0, reach, out=reach)
-        np.abs(reach, out=v)
-        np.add(reach, v, out=reach)
-        np.multiply(reach, reach, out=reach)
-    else:
-        reach.fill(1.0)
-    if bound is not None:
-        reach[bound[0]] *= bound[1]
-    if lamp.cone is not None:
-        np.multiply(s, lamp.cone.slope[rays], out=v)
-        np.add(v, lamp.cone.start[rays], out=v)
-        np.divide(v, d, out=v)
-        np.add(v, lamp.cone.offset, out=v)
-        np.clip(v, 0.0, 1.0, out=v)
-        np.multiply(v, v, out=v)
-        np.multiply(reach, v, out=reach)
-    sight = lamps.visibility.get(lamp.number)
-    if sight is not None:
-        reach *= sight(froxel_points(lamps.froxels, az, ay, ax))
-    return work
+def _reach(lamps: Lamps, batch: Batch, close: list[list[int]]) -> None:
+    """Distances to the lights, and what windows, cones and visibility leave (of a window, four times that)."""
+    rays, reach = lamps.rays, batch.reach
+    for piece in batch.pieces:
+        az, ay, ax = piece.area
+        np.multiply(lamps.depths[float(rays.units[piece.k])][az], lamps.froxels.rays.length[ay, ax], out=piece.s)
+        np.subtract(piece.s, piece.nearest, out=piece.s)
+    np.multiply(batch.s, batch.s, out=reach)
+    for piece in batch.pieces:
+        np.add(piece.reach, piece.across2, out=piece.reach)
+    np.sqrt(reach, out=batch.d)
+    bounds = [_bound(piece, box, float(rays.smallest[piece.k]))
+              for piece, box in zip(batch.pieces, close, strict=True)]
+    windowed = [bool(rays.windowed[piece.k]) for piece in batch.pieces]
+    if any(windowed):
+        _window(batch)
+    for piece, ends, bound in zip(batch.pieces, windowed, bounds, strict=True):
+        if not ends:
+            piece.reach.fill(1.0)
+        if bound is not None:
+            piece.reach[bound[0]] *= bound[1]
+        if piece.cone is not None:
+            _cone(piece, piece.cone)
+        sight = lamps.visibility.get(int(rays.numbers[piece.k]))
+        if sight is not None:
+            piece.reach[...] *= sight(froxel_points(lamps.froxels, *piece.area))
 
 
-def _bound(work: Work, close: Rect, smallest: float) -> tuple[Rect, Field] | None:
+def _window(batch: Batch) -> None:
+    """Four times sat(1 − d⁴)², in units; sat(x) as (x + |x|)/2, for NumPy's maximum takes three times as long."""
+    reach, v = batch.reach, batch.v
+    np.multiply(reach, reach, out=reach)
+    np.subtract(1.0, reach, out=reach)
+    np.abs(reach, out=v)
+    np.add(reach, v, out=reach)
+    np.multiply(reach, reach, out=reach)
+
+
+def _cone(piece: Piece, cone: ConeRays) -> None:
+    """A spot light's cone."""
+    np.multiply(piece.s, cone.slope, out=piece.v)
+    np.add(piece.v, cone.start, out=piece.v)
+    np.divide(piece.v, piece.d, out=piece.v)
+    np.add(piece.v, cone.offset, out=piece.v)
+    np.clip(piece.v, 0.0, 1.0, out=piece.v)
+    np.multiply(piece.v, piece.v, out=piece.v)
+    np.multiply(piece.reach, piece.v, out=piece.reach)
+
+
+def _bound(piece: Piece, close: list[int], smallest: float) -> tuple[Index, Field] | None:
     """d²/max(d², d_min²) where a light is that close; exactly 1 everywhere else."""
-    offsets = [a.start for a in work.area]
-    starts = [max(c.start, a.start) - o for c, a, o in zip(close, work.area, offsets, strict=True)]
-    stops = [min(c.stop, a.stop) - o for c, a, o in zip(close, work.area, offsets, strict=True)]
-    z, y, x = (slice(start, stop) for start, stop in zip(starts, stops, strict=True))
-    if x.start >= x.stop:
+    ranges = [slice(max(first, a.start) - a.start, min(last, a.stop) - a.start)
+              for first, last, a in zip(close[::2], close[1::2], piece.area, strict=True)]
+    if any(r.start >= r.stop for r in ranges):
         return None
-    d2 = work.reach[z, y, x]
+    z, y, x = ranges
+    d2 = piece.reach[z, y, x]
     limits = np.finfo(d2.dtype)
     return (z, y, x), d2 / np.maximum(d2, min(max(smallest, float(limits.tiny)), float(limits.max)))
 
 
-def _weigh(lobe: Lobe, terms: Terms, work: Work) -> None:
+def _weigh(lobe: Lobe, terms: Terms, batch: Batch) -> None:
     """``w`` = reach/d² times the phase function, without its prefactor for Henyey–Greenstein."""
-    s, d, v, w = work.s, work.d, work.v, work.w
+    s, d, v, w = batch.s, batch.d, batch.v, batch.w
     if lobe.name == "isotropic":
         np.multiply(d, d, out=w)
-        np.divide(work.reach, w, out=w)
+        np.divide(batch.reach, w, out=w)
     elif lobe.name == "henyey_greenstein":
-        _turned(lobe, terms, work)
-        np.multiply(v, terms.slope, out=v)
+        _turned(lobe, terms, batch)
+        if terms.g.size == 1:
+            np.multiply(v, terms.slope[0, 0, 0], out=v)
+        else:
+            for piece in batch.pieces:
+                np.multiply(piece.v, terms.slope[piece.here], out=piece.v)
         np.add(v, d, out=v)
         np.multiply(d, v, out=w)
         np.sqrt(w, out=w)
         np.multiply(w, v, out=w)
-        np.divide(work.reach, w, out=w)
+        np.divide(batch.reach, w, out=w)
     else:
-        _turned(lobe._replace(careful=True), terms._replace(sign=None), work)
+        _turned(lobe._replace(careful=True), terms._replace(sign=None), batch)
         np.divide(v, d, out=v)
-        value = phase(lobe.name, np.divide(s, d) * -1.0, terms.g, versine=v)
-        np.multiply(d, d, out=w)
-        np.divide(work.reach, w, out=w)
-        np.multiply(w, value, out=w)
+        np.divide(s, d, out=w)
+        for piece in batch.pieces:
+            g = terms.g if terms.g.size == 1 else terms.g[piece.here]
+            piece.w[...] = phase(lobe.name, piece.w * -1.0, g, versine=piece.v)
+        np.multiply(d, d, out=v)
+        np.divide(batch.reach, v, out=v)
+        np.multiply(w, v, out=w)
 
 
-def _turned(lobe: Lobe, terms: Terms, work: Work) -> None:
+def _turned(lobe: Lobe, terms: Terms, batch: Batch) -> None:
     """``v`` = d·(1 − cos θ), or d·(1 + cos θ) where g < 0: d + s, s mirrored."""
-    s, d, v, w = work.s, work.d, work.v, work.w
+    s, d, v, w = batch.s, batch.d, batch.v, batch.w
     if lobe.careful:
         np.abs(s, out=v)
         np.add(v, d, out=w)
-        np.divide(work.across2, w, out=w)
-        turned = s if terms.sign is None else s * terms.sign
-        np.add(v, turned, out=v)
+        for piece in batch.pieces:
+            np.divide(piece.across2, piece.w, out=piece.w)
+            turned = piece.s if terms.sign is None else piece.s * _part(terms.sign, piece)
+            np.add(piece.v, turned, out=piece.v)
         np.add(v, w, out=v)
     elif terms.sign is None:
         np.add(d, s, out=v)
     else:
-        np.multiply(s, terms.sign, out=v)
+        for piece in batch.pieces:
+            np.multiply(piece.s, _part(terms.sign, piece), out=piece.v)
         np.add(d, v, out=v)
+
+
+def _part(field: Field, piece: Piece) -> Field:
+    """What a light's froxels have of a block's field; one number stays one."""
+    return field if field.size == 1 else field[piece.here]
