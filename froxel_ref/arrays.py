@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -32,5 +32,5 @@ class Sight(Protocol):
 Visibility: TypeAlias = Mapping[int, Sight]
 """By the light's index in the scene. A light that is not in it is hidden by nothing."""
 
-Candidates: TypeAlias = Callable[[slice, slice], Sequence[int]]
+Candidates: TypeAlias = Callable[[slice, slice], NDArray[np.intp]]
 """Given a block's slices and rows, the indices, growing, of the lights or media that it has to visit."""

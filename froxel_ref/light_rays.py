@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from froxel_ref import blocks
 from froxel_ref.arrays import Field
 from froxel_ref.geometry import dot
 from froxel_ref.grid import Froxels, corner_bounds
@@ -31,7 +30,9 @@ __all__ = ["Boxes", "ConeRays", "LightRays", "farthest_distance", "light_rays", 
 Boxes = NDArray[np.intp]
 
 # Rays that are related to lights at a time: a dozen arrays of float64 that stay in the cache.
-RAYS = 8192
+RAYS = 16384
+# Columns [bytes] that a light may be given beyond its reach, if it then has whole rows.
+COLUMNS = 256
 
 # A ray through the light itself is taken to pass it at this share of min_distance: at the light θ is
 # undefined, and this makes it a right angle (cos θ = 0) instead of 0/0. Within min_distance, where alone it
@@ -112,7 +113,7 @@ class LightRays(NamedTuple):
 
 
 def light_rays(lights: Mapping[int, PointLight], froxels: Froxels, *, attenuation: str = "min_distance",
-               restrict: bool = True, threads: int | None = None) -> LightRays:
+               restrict: bool = True) -> LightRays:
     """Relate point and spot lights to the rays of a grid.
 
     Parameters
@@ -125,8 +126,6 @@ def light_rays(lights: Mapping[int, PointLight], froxels: Froxels, *, attenuatio
         See `froxel_ref.lights.smallest_d2`.
     restrict : bool
         Whether to leave out what a light cannot reach.
-    threads : int, optional
-        Default: one for each core. The result does not depend on it.
 
     Returns
     -------
@@ -147,12 +146,12 @@ def light_rays(lights: Mapping[int, PointLight], froxels: Froxels, *, attenuatio
     >>> lamp = PointLight(position=(0.0, 1.7, -6.0), intensity=(9.0, 9.0, 9.0), radius=3.0)
     >>> rays = light_rays({5: lamp}, froxels)
     >>> nearest, across2 = rays.window(0)
-    >>> float(nearest[0, 0]), float(across2[0, 0]) < 1e-20, float(rays.intensity[0, 0])
+    >>> float(nearest[0, 1]), float(across2[0, 1]) < 1e-20, float(rays.intensity[0, 0])
     (2.0, True, 1.0)
     """
     with np.errstate(over="ignore"):  # sizes beyond all numbers are cut to the largest one
         boxes = _reached(list(lights.values()), froxels, restrict)
-        kept = boxes.any(axis=(1, 2))
+        kept: NDArray[np.bool_] = np.any(boxes, axis=(1, 2))
         boxes = boxes[kept]
         chosen = [light for light, keep in zip(lights.values(), kept.tolist(), strict=True) if keep]
         q = np.array([light.position for light in chosen]).reshape(-1, 3) - froxels.rays.origin
@@ -169,7 +168,7 @@ def light_rays(lights: Mapping[int, PointLight], froxels: Froxels, *, attenuatio
         per_unit = colours / units[:, np.newaxis] / units[:, np.newaxis]
         result = LightRays(np.array(list(lights), np.intp)[kept], units, windowed, per_unit, windows, starts,
                            nearest, across2, {}, boxes, boxes, smallest / units / units)
-        cones, closest = _relate(result, chosen, q / units[:, np.newaxis], froxels, threads)
+        cones, closest = _relate(result, chosen, q / units[:, np.newaxis], froxels)
         if restrict:
             near = np.flatnonzero(~(closest * units * units > 2.0 * smallest))
             close = np.zeros_like(boxes)
@@ -203,6 +202,10 @@ def _reached(lights: list[PointLight], froxels: Froxels, restrict: bool) -> Boxe
             # The corners of a pyramid that is long beyond all measure say nothing.
             if len(corners) and light.radius <= 1e3 * float(froxels.depths[-1, 0, 0]):
                 boxes[k] = _cut(boxes[k], _corner_boxes(corners, froxels))
+    if restrict:
+        # NumPy's loops run along x, and along whole rows in one go: what that saves pays for a few columns.
+        few = COLUMNS // froxels.depths.itemsize
+        boxes[..., 2:][(boxes[..., 3] - boxes[..., 2] >= columns - few) & (boxes[..., 1] > 0)] = 0, columns
     return boxes
 
 
@@ -228,8 +231,8 @@ def farthest_distance(dtype: np.dtype[Any]) -> float:
     return math.sqrt(math.sqrt(largest)) / 16.0
 
 
-def _relate(rays: LightRays, lights: list[PointLight], q: NDArray[np.float64], froxels: Froxels,
-            threads: int | None) -> tuple[dict[int, ConeRays], NDArray[np.float64]]:
+def _relate(rays: LightRays, lights: list[PointLight], q: NDArray[np.float64],
+            froxels: Froxels) -> tuple[dict[int, ConeRays], NDArray[np.float64]]:
     """Fill ``nearest`` and ``across2``; the cones, and each light's least h². ``q`` is in units."""
     px, py, pz = (c.astype(np.float64) for c in froxels.rays.per_depth)
     per_length = 1.0 / np.sqrt(dot((px, py, pz), (px, py, pz)))
@@ -242,7 +245,7 @@ def _relate(rays: LightRays, lights: list[PointLight], q: NDArray[np.float64], f
     least = np.maximum((CLOSEST * np.array([light.min_distance for light in lights]) / rays.units) ** 2,
                        1e4 * float(limits.tiny))
 
-    def relate(group: slice) -> None:
+    for group in _groups(rays.starts):  # calls too short to share them out to threads
         counts = np.diff(rays.starts[group.start:group.stop + 1])
         begin, end = int(rays.starts[group.start]), int(rays.starts[group.stop])
         part = np.empty((4, end - begin))
@@ -251,17 +254,17 @@ def _relate(rays: LightRays, lights: list[PointLight], q: NDArray[np.float64], f
             span = part[:, int(rays.starts[k]) - begin:int(rays.starts[k + 1]) - begin]
             for values, image in zip(span, whole, strict=True):
                 values.reshape(bottom - top, right - left)[...] = image[top:bottom, left:right]
-        b, h2 = _along_and_across(part, np.repeat(q[group].T, counts, axis=1))
+        # One light alone is three numbers, several are told apart ray by ray.
+        several = len(counts) > 1
+        b, h2 = _along_and_across(part, np.repeat(q[group].T, counts, axis=1) if several else q[group.start])
         np.clip(b, -farthest, farthest, out=b)
-        np.clip(h2, np.repeat(least[group], counts), farthest * farthest, out=h2)
+        np.clip(h2, np.repeat(least[group], counts) if several else least[group.start], farthest * farthest, out=h2)
         rays.nearest[begin:end], rays.across2[begin:end] = b, h2
         closest[group] = np.minimum.reduceat(h2, rays.starts[group] - begin)
         for k in range(group.start, group.stop):
-            light, span = lights[k], slice(int(rays.starts[k]) - begin, int(rays.starts[k + 1]) - begin)
+            light, own = lights[k], slice(int(rays.starts[k]) - begin, int(rays.starts[k + 1]) - begin)
             if isinstance(light, SpotLight):
-                cones[k] = _cone_rays(light, part[:, span], b[span], q[k], rays, k)
-
-    blocks.run(relate, _groups(rays.starts), threads=threads)
+                cones[k] = _cone_rays(light, part[:, own], b[own], q[k], rays, k)
     return cones, closest
 
 
@@ -275,9 +278,16 @@ def _groups(starts: NDArray[np.intp]) -> list[slice]:
 def _along_and_across(part: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[Field, Field]:
     """b and h² of rays px, py, pz, 1/|p|."""
     (px, py, pz, per_length), (qx, qy, qz) = part, q
-    b = (qx * px + qy * py + qz * pz) * per_length
-    nx, ny, nz = qy * pz - qz * py, qz * px - qx * pz, qx * py - qy * px
-    return b, (nx * nx + ny * ny + nz * nz) * (per_length * per_length)
+    b, h2, a, c = qx * px, np.zeros_like(px), np.empty_like(px), np.empty_like(px)
+    b += np.multiply(qy, py, out=a)
+    b += np.multiply(qz, pz, out=a)
+    b *= per_length
+    for (q0, p0), (q1, p1) in (((qy, pz), (qz, py)), ((qz, px), (qx, pz)), ((qx, py), (qy, px))):
+        np.multiply(q0, p0, out=a)
+        a -= np.multiply(q1, p1, out=c)
+        h2 += np.multiply(a, a, out=a)
+    h2 *= np.multiply(per_length, per_length, out=a)
+    return b, h2
 
 
 def _cone_rays(light: SpotLight, part: NDArray[np.float64], b: Field, q: NDArray[np.float64], rays: LightRays,

@@ -1,7 +1,7 @@
 """In-scattering: the light that each froxel sends towards the camera, per metre of the way.
 
 σ_s·(Σ_l p·Vis·E_l + ambient) + emission, block by block. What a point or spot light adds is worked out
-along the ray (`froxel_ref.light_rays`, `froxel_ref.lamps`), and only where the light reaches.
+along the ray (`froxel_ref.light_rays`, `froxel_ref.lamp_batches`), and only where the light reaches.
 """
 
 from __future__ import annotations
@@ -18,16 +18,8 @@ from froxel_ref import blocks
 from froxel_ref.arrays import Candidates, Field, Visibility
 from froxel_ref.buffers import VBuffer
 from froxel_ref.grid import Froxels, froxel_points
-from froxel_ref.lamps import (
-    Lamps,
-    Lobe,
-    add_lamps,
-    channels,
-    make_lobe,
-    part,
-    prefactor,
-    relate_lamps,
-)
+from froxel_ref.lamp_batches import add_lamps
+from froxel_ref.lamps import Lamps, Lobe, channels, make_lobe, part, prefactor, relate_lamps
 from froxel_ref.phase import (
     PHASE,
     cornette_shanks,
@@ -135,7 +127,7 @@ def in_scattering(
     σ_s·(Σ_l p·Vis·E_l + L_a) + emission [Dörries 2020, listings 3.2 and 3.7, with its emission at D2].
     A point light's share of it for Henyey–Greenstein, with v = d(1 − cos θ) = d + s, is
     p/d² = (1+|g|)/(4π(1−|g|)²)/(e·√(d·e)), e = d + 2|g|/(1−|g|)²·v, g < 0 with s mirrored: two roots and
-    one division a froxel. v is formed as h²/(d+|s|) + (s+|s|) where g asks for it (`froxel_ref.lamps`). At a
+    one division a froxel. v is formed as h²/(d+|s|) + (s+|s|) where g asks for it (`lamps.PLAIN`). At a
     light itself cos θ = 0; g is taken no nearer to ±1 than the dtype's last number below 1. The error is at
     most what 4 ulp in the froxel's position make of it (measured against 40 digits, |g| ≤ 0.99).
 
@@ -167,7 +159,7 @@ def in_scattering(
     job = Job(
         froxels=froxels, vbuffer=vbuffer, lobes=lobes, suns=suns, ambient=channels(sky, dtype), emission=emission,
         lamps=relate_lamps(local, lobes, froxels, attenuation=attenuation, restrict=restrict, visibility=hidden,
-                           candidates=candidates, threads=threads),
+                           candidates=candidates),
         exposure=exposure, visibility=hidden)
     skies = [None if _along_z(job, lobe) else _sky(job, lobe, lobe.g) for lobe in lobes]
     shape = _shape(job, skies)

@@ -95,6 +95,14 @@ class SecondLobe(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Culling(Record):
+    """The lists of lights and local media: tiles of the screen by bins of view depth [Dörries 2020, §3.2.4]."""
+
+    tile: int = integer(8, "edge of a tile", unit="pixels", at_least=1, at_most=16384)
+    bins: int = integer(256, "bins of equal size between the grid's near and far", at_least=1, at_most=65536)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Settings(Record):
     """How a frame is computed."""
 
@@ -106,6 +114,7 @@ class Settings(Record):
                                  about="how scattered light spreads over directions")
     second_lobe: SecondLobe = nested(
         SecondLobe, default=SecondLobe(), about="for the two-lobe phase function")
+    culling: Culling = nested(Culling, default=Culling(), about="the lists of lights and local media")
     shadows: str = choice("off", default="off", about="opaque shadows (maps come with a later version)")
     precision: str = choice("float64", "float32", default="float64", about="type of the arithmetic")
     time: float = number(0.0, "scene time, moves scrolling textures", unit="s",
