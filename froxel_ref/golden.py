@@ -51,7 +51,8 @@ ABOUT = {
     "resolved_switches": "the choice in force for each departure of the sources, as fidelity and switches "
                          "in input.settings make it",
 }
-AXES = {"z": "z", "y": "y", "x": "x", "c": "channel", "l": "lobe"}
+AXES = {"z": "z", "y": "y", "x": "x", "c": "channel", "l": "lobe", "n": "place", "e": "first or last", "b": "bin",
+        "w": "word", "v": "tile row", "u": "tile column"}
 
 Progress = Callable[[str, int, int], None]
 

@@ -123,9 +123,9 @@ def add_lamps(lamps: Lamps, lobes: Sequence[Lobe], lights: Sequence[Field], memo
     terms = [_terms(lobe, z, y, shape, dtype) for lobe in lobes]
     close = rects(lamps.rays.close[chosen], z, y)
     along = lamps.depths[lamps.common][z] * lamps.froxels.rays.length[y]
-    for part in _batches(sizes):
-        batch = _lay_out(lamps, chosen[part].tolist(), areas[part].tolist(), int(sizes[part].sum()), memory, z, y)
-        _reach(lamps, batch, close[part].tolist(), along)
+    for run in _batches(sizes):
+        batch = _lay_out(lamps, chosen[run].tolist(), areas[run].tolist(), int(sizes[run].sum()), memory, z, y)
+        _reach(lamps, batch, close[run].tolist(), along)
         for lobe, term, colours, light in zip(lobes, terms, lamps.colours, lights, strict=True):
             _weigh(lobe, term, batch)
             for piece in batch.pieces:
