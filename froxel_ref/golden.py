@@ -340,7 +340,7 @@ def _write_result(folder: Path, name: str, frame: Frame) -> dict[str, Any]:
     write_png(folder / picture, pictures.preview(array, quantity, name=name, view=how))
     return {"name": name, "file": file, "preview": picture, "shape": list(view.shape),
             "dtype": view.dtype.newbyteorder("<").str, "axes": [AXES[axis] for axis in axes],
-            "varies": list(pictures.varying(array, quantity)), "unit": quantity.unit, "about": quantity.about,
+            "varies": [AXES[axis] for axis in pictures.varying(array, quantity)], "unit": quantity.unit, "about": quantity.about,
             "sha256": sha256}
 
 

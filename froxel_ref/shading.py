@@ -29,6 +29,8 @@ Integers = NDArray[np.intp]
 BLOCK = 262144
 # Pixels along the edge of a tile, and tiles in a run whose common box is tried first.
 TILE, RUN = 8, 16
+# Tiles that are worked on at a time: a dozen arrays of their pixels stay in the cache.
+FEW = 512
 # Share of the tiles from which on all are taken as they are: picking tiles out costs as much as a few passes.
 MOST = 0.8
 # Rounding of positions and distances that the boxes allow for, in ulp of the farthest one.
@@ -161,9 +163,10 @@ def _reached(lights: Sequence[Light], rays: Rays, tiles: _Tiles) -> list[Integer
     light = np.repeat(light, RUN)[tile < count]
     tile = tile[tile < count]
     met = _meets(centers[light], radii[light], tiles.low[:, tile], tiles.high[:, tile])
-    ends = np.searchsorted(light[met], np.arange(len(bounded) + 1))
+    light, tile = light[met], tile[met]
+    ends = np.searchsorted(light, np.arange(len(bounded) + 1))
     for place, i in enumerate(bounded):
-        chosen = tile[met][ends[place]:ends[place + 1]]
+        chosen = tile[ends[place]:ends[place + 1]]
         result[i] = None if len(chosen) > MOST * count else chosen
     return result
 
@@ -180,15 +183,17 @@ def _meets(centers: Field, radii: Field, low: Field, high: Field) -> NDArray[np.
 
 def _add(light: Field, number: int, source: Light, chosen: Integers | None, tiles: _Tiles, attenuation: str,
          hidden: Visibility) -> None:
-    """Add what one light gives the tiles that it reaches, per π and per albedo."""
-    nx, ny, nz = tiles.normal if chosen is None else tiles.normal[:, chosen]
-    x, y, z = tiles.points if chosen is None else tiles.points[:, chosen]
-    towards, factor = light_at(source, (x, y, z), attenuation=attenuation)
-    arriving = factor * np.maximum(dot((nx, ny, nz), towards), 0.0)
-    if number in hidden:
-        arriving = arriving * hidden[number]((x, y, z), (nx, ny, nz))
-    for plane, each in zip(light, colour(source).tolist(), strict=True):
-        if chosen is None:
-            plane += arriving * each
-        else:
-            plane[chosen] += arriving * each
+    """Add what one light gives the tiles that it reaches, per π and per albedo; a few tiles at a time."""
+    count = tiles.points.shape[1] if chosen is None else len(chosen)
+    tint = colour(source).tolist()
+    for begin in range(0, count, FEW):
+        some = slice(begin, begin + FEW)
+        part = some if chosen is None else chosen[some]
+        nx, ny, nz = tiles.normal[:, part]
+        x, y, z = tiles.points[:, part]
+        towards, factor = light_at(source, (x, y, z), attenuation=attenuation)
+        arriving = factor * np.maximum(dot((nx, ny, nz), towards), 0.0)
+        if number in hidden:
+            arriving = arriving * hidden[number]((x, y, z), (nx, ny, nz))
+        for plane, each in zip(light, tint, strict=True):
+            plane[part] += arriving * each

@@ -251,7 +251,7 @@ def _tangents(ahead: Doubles, across: Doubles, radius: Doubles) -> tuple[Doubles
     # The radius is a bound itself; the last digits keep it one after the roundings here.
     sine = np.minimum(radius * (1.0 + 1e-12) / np.maximum(away, np.finfo(np.float64).tiny), 1.0)
     cosine = np.sqrt((1.0 - sine) * (1.0 + sine))
-    with np.errstate(divide="ignore", over="ignore"):
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         down, up = ahead * cosine + across * sine, ahead * cosine - across * sine
         low = np.where(down > 0.0, (across * cosine - ahead * sine) / down, -np.inf)
         high = np.where(up > 0.0, (across * cosine + ahead * sine) / up, np.inf)
