@@ -340,8 +340,8 @@ def _write_result(folder: Path, name: str, frame: Frame) -> dict[str, Any]:
     write_png(folder / picture, pictures.preview(array, quantity, name=name, view=how))
     return {"name": name, "file": file, "preview": picture, "shape": list(view.shape),
             "dtype": view.dtype.newbyteorder("<").str, "axes": [AXES[axis] for axis in axes],
-            "varies": [AXES[axis] for axis in pictures.varying(array, quantity)], "unit": quantity.unit, "about": quantity.about,
-            "sha256": sha256}
+            "varies": [AXES[axis] for axis in pictures.varying(array, quantity)],
+            "unit": quantity.unit, "about": quantity.about, "sha256": sha256}
 
 
 def _write_contact_sheet(folder: Path, frame: Frame) -> None:

@@ -495,8 +495,9 @@ def test_memory_of_lists_is_known_and_refused_in_one_line() -> None:
         scene, extra_lights=ExtraLights(), local_media=()), how) == 4 * (64 + 1 + 2 * 2 * 256 + words * 5 * 8)
     wide = dataclasses.replace(scene, camera=dataclasses.replace(scene.camera, width=16384, height=16384),
                                extra_lights=ExtraLights(count=65536))
-    with pytest.raises(InputError, match=r"^settings.culling.tile: is 1 pixels: the light words of all tiles, for 65536 "
-                                         r"lights and 1 local media, need up to [\d,.]+ GiB, more than memory allows"):
+    message = (r"^settings.culling.tile: is 1 pixels: the light words of all tiles, for 65536 lights and 1 local "
+               r"media, need up to [\d,.]+ GiB, more than memory allows \(80 % of [\d,.]+ GiB\)$")
+    with pytest.raises(InputError, match=message):
         plan(wide, dataclasses.replace(how, culling=Culling(tile=1)))
 
 
