@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Field", "Index", "Points", "Sight", "Visibility"]
+__all__ = ["Candidates", "Field", "Index", "Points", "Sight", "Visibility"]
 
 Field: TypeAlias = NDArray[np.floating[Any]]
 """An array broadcastable to (D, H, W), or channel-first to (3, D, H, W); length 1 where nothing varies."""
@@ -31,3 +31,6 @@ class Sight(Protocol):
 
 Visibility: TypeAlias = Mapping[int, Sight]
 """By the light's index in the scene. A light that is not in it is hidden by nothing."""
+
+Candidates: TypeAlias = Callable[[slice, slice], NDArray[np.intp]]
+"""Given a block's slices and rows, the indices, growing, of the lights or media that it has to visit."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from froxel_ref.arrays import Field
 from froxel_ref.assets import Assets, load_assets
+from froxel_ref.culling import list_shapes
 from froxel_ref.lights import with_intensities
 from froxel_ref.records import InputError, suggest
 from froxel_ref.scene import Folds, HeightField, PointLight, Scene
@@ -114,12 +115,26 @@ def estimate_bytes(scene: Scene, settings: Settings) -> int:
     tints = 3 if any(isinstance(medium.extinction, tuple) for medium in media) else 1
     total = 0
     for name, quantity in QUANTITIES.items():
-        if name.startswith("shadow/"):
+        if name.startswith(("shadow/", "culling/")):
             continue
         size = {"c": 3, "l": lobes} | (sizes if "z" in quantity.axes or quantity.on_grid else image)
         tinted = name.endswith(("extinction", "transmittance"))
         total += math.prod(size[axis] for axis in quantity.axes) * (tints if tinted else 1)
-    return total * np.dtype(settings.precision).itemsize + map_bytes(scene, settings)
+    return total * np.dtype(settings.precision).itemsize + map_bytes(scene, settings) + _list_bytes(
+        scene, settings)
+
+
+def _bounded(scene: Scene) -> tuple[int, int]:
+    """How many lights and local media lists may hold, at most."""
+    lights = sum(isinstance(light, PointLight) for light in scene.lights) + scene.extra_lights.count
+    return lights, len(scene.local_media)
+
+
+def _list_bytes(scene: Scene, settings: Settings) -> int:
+    """What the lists of lights and local media take at most."""
+    how = settings.culling
+    return sum(4 * math.prod(shape) for count in _bounded(scene)
+               for shape in list_shapes(count, scene.camera, tile=how.tile, bins=how.bins))
 
 
 def working_bytes(scene: Scene, settings: Settings) -> int:
@@ -134,7 +149,8 @@ def working_bytes(scene: Scene, settings: Settings) -> int:
     -------
     int
         Bytes of what grows with the scene: each lobe of a mixture before it is stacked, each lamp's
-        distances per ray, each height field's triangles; and a quarter of the results for all else.
+        distances per ray, each height field's triangles, the lists of lights twice more; and a quarter of the
+        results for all else.
 
     Examples
     --------
@@ -145,12 +161,13 @@ def working_bytes(scene: Scene, settings: Settings) -> int:
     lobes = _lobes(scene, settings)
     folds = [surface.heights.size for surface in scene.surfaces
              if isinstance(surface, HeightField) and isinstance(surface.heights, Folds)]
-    lamps = sum(isinstance(light, PointLight) for light in scene.lights) + scene.extra_lights.count
+    lamps, _ = _bounded(scene)
     # A lamp keeps two numbers per ray (a spot light four) and some 32 bytes per slice; a fold's 1:4 grid of
     # heights has two triangles a cell, of some 128 bytes each while they are hit.
     return (3 * lobes * grid.width * grid.height * grid.depth * item
             + lamps * (4 * grid.width * grid.height * item + 32 * grid.depth)
-            + sum(64 * size * size for size in folds) + estimate_bytes(scene, settings) // 4)
+            + sum(64 * size * size for size in folds) + 2 * _list_bytes(scene, settings)
+            + estimate_bytes(scene, settings) // 4)
 
 
 def _lobes(scene: Scene, settings: Settings) -> int:
@@ -168,6 +185,14 @@ def _machine_bytes() -> int:
 
 def _check_size(scene: Scene, settings: Settings) -> None:
     need, have = estimate_bytes(scene, settings) + working_bytes(scene, settings), _machine_bytes()
+    # The words of all tiles, and as many again while they are made and while blocks look them up.
+    lists = 3 * _list_bytes(scene, settings)
+    if lists > 0.8 * have:
+        lights, local = _bounded(scene)
+        raise InputError(
+            "settings.culling.tile", f"is {settings.culling.tile} pixels: the light words of all tiles, for {lights} "
+            f"lights and {local} local media, need up to {lists / 2**30:,.1f} GiB, more than memory allows "
+            f"(80 % of {have / 2**30:,.1f} GiB)")
     if need > 0.8 * have:
         g, c = settings.grid, scene.camera
         raise InputError(

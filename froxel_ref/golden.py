@@ -51,8 +51,9 @@ ABOUT = {
     "resolved_switches": "the choice in force for each departure of the sources, as fidelity and switches "
                          "in input.settings make it",
 }
-AXES = {"z": "z", "y": "y", "x": "x", "c": "channel", "l": "lobe", "m": "light", "f": "face", "v": "row",
-        "u": "column", "i": "matrix row", "j": "matrix column"}
+AXES = {"z": "z", "y": "y", "x": "x", "c": "channel", "l": "lobe", "n": "place", "e": "first or last", "b": "bin",
+        "w": "word", "v": "tile row", "u": "tile column", "m": "light", "f": "face", "p": "row", "q": "column",
+        "i": "matrix row", "j": "matrix column"}
 
 Progress = Callable[[str, int, int], None]
 
@@ -356,8 +357,8 @@ def _write_result(folder: Path, name: str, frame: Frame) -> dict[str, Any]:
     write_png(folder / picture, pictures.preview(array, quantity, name=name, view=how))
     return {"name": name, "file": file, "preview": picture, "shape": list(view.shape),
             "dtype": view.dtype.newbyteorder("<").str, "axes": [AXES[axis] for axis in axes],
-            "varies": list(pictures.varying(array, quantity)), "unit": quantity.unit, "about": quantity.about,
-            "sha256": sha256}
+            "varies": [AXES[axis] for axis in pictures.varying(array, quantity)],
+            "unit": quantity.unit, "about": quantity.about, "sha256": sha256}
 
 
 def _write_contact_sheet(folder: Path, frame: Frame) -> None:

@@ -20,15 +20,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from froxel_ref.arrays import Field
-from froxel_ref.geometry import Rays, dot
+from froxel_ref.geometry import dot
 from froxel_ref.grid import Froxels, corner_bounds
-from froxel_ref.lights import colour, smallest_d2, spot_cone, unit
+from froxel_ref.lights import colour, cone_corners, smallest_d2, spot_cone, unit
 from froxel_ref.scene import PointLight, SpotLight
 
-__all__ = ["ConeRays", "LightRays", "Rect", "farthest_distance", "light_rays", "rect", "slice_boxes"]
+__all__ = ["Boxes", "ConeRays", "LightRays", "farthest_distance", "light_rays", "rects", "slice_boxes"]
 
 Boxes = NDArray[np.intp]
-Rect = tuple[slice, slice, slice]
+
+# Rays that are related to lights at a time: a dozen arrays of float64 that stay in the cache.
+RAYS = 16384
+# Columns [bytes] that a light may be given beyond its reach, if it then has whole rows.
+COLUMNS = 256
 
 # A ray through the light itself is taken to pass it at this share of min_distance: at the light θ is
 # undefined, and this makes it a right angle (cos θ = 0) instead of 0/0. Within min_distance, where alone it
@@ -56,47 +60,60 @@ class ConeRays(NamedTuple):
 
 
 class LightRays(NamedTuple):
-    """A point or spot light relative to the rays that it can touch.
+    """Point and spot lights relative to the rays that each can touch.
+
+    What is counted by light below has one entry for each of the n lights; ``nearest`` and ``across2`` hold
+    all lights' windows one after another.
 
     Attributes
     ----------
-    number : int
-        Its index in the scene's lights.
-    unit : float [m]
+    numbers : ndarray, shape (n,)
+        Their indices in the scene's lights, growing.
+    units : ndarray, shape (n,), float64 [m]
         What lengths are measured in.
-    windowed : bool
+    windowed : ndarray of bool, shape (n,)
         Whether the light ends at distance 1.
-    intensity : ndarray, shape (3,), float64 [W sr⁻¹ m⁻²]
+    intensity : ndarray, shape (n, 3), float64 [W sr⁻¹ m⁻²]
         Over unit².
-    corner : tuple of 2 ints
-        Row and column of the first ray.
-    nearest, across2 : Field, shape (h, w)
-        b and h² of each ray, in units.
-    cone : ConeRays or None
-        Of a spot light.
-    boxes : ndarray, shape (D, 4)
+    windows : ndarray, shape (n, 4)
+        First and last + 1 row and column of the rays.
+    starts : ndarray, shape (n + 1,)
+        Where each light's rays begin in the flat arrays.
+    nearest, across2 : Field, shape (rays of all lights,)
+        b and h² of each ray, in units; row by row.
+    cones : mapping of int to ConeRays
+        Of the spot lights, by their place here.
+    boxes : ndarray, shape (n, D, 4)
         First and last + 1 row and column that the light reaches in each slice; all 0 where none.
-    close : ndarray, shape (D, 4)
+    close : ndarray, shape (n, D, 4)
         The same for distances below the lower bound on d².
-    smallest : float
+    smallest : ndarray, shape (n,), float64
         The lower bound on d², in units².
     """
 
-    number: int
-    unit: float
-    windowed: bool
+    numbers: NDArray[np.intp]
+    units: NDArray[np.float64]
+    windowed: NDArray[np.bool_]
     intensity: NDArray[np.float64]
-    corner: tuple[int, int]
+    windows: Boxes
+    starts: NDArray[np.intp]
     nearest: Field
     across2: Field
-    cone: ConeRays | None
+    cones: Mapping[int, ConeRays]
     boxes: Boxes
     close: Boxes
-    smallest: float
+    smallest: NDArray[np.float64]
+
+    def window(self, k: int) -> tuple[Field, Field]:
+        """b and h² of the rays of the k-th light, as images of its window."""
+        top, bottom, left, right = self.windows[k].tolist()
+        span = slice(int(self.starts[k]), int(self.starts[k + 1]))
+        shape = bottom - top, right - left
+        return self.nearest[span].reshape(shape), self.across2[span].reshape(shape)
 
 
 def light_rays(lights: Mapping[int, PointLight], froxels: Froxels, *, attenuation: str = "min_distance",
-               restrict: bool = True) -> list[LightRays]:
+               restrict: bool = True) -> LightRays:
     """Relate point and spot lights to the rays of a grid.
 
     Parameters
@@ -112,7 +129,7 @@ def light_rays(lights: Mapping[int, PointLight], froxels: Froxels, *, attenuatio
 
     Returns
     -------
-    list of LightRays
+    LightRays
         In the same order, without the lights that touch no sample of the grid.
 
     Notes
@@ -127,16 +144,46 @@ def light_rays(lights: Mapping[int, PointLight], froxels: Froxels, *, attenuatio
     >>> from froxel_ref.settings import Grid
     >>> froxels = make_froxels(Camera(), Grid(width=3, height=3, depth=4))
     >>> lamp = PointLight(position=(0.0, 1.7, -6.0), intensity=(9.0, 9.0, 9.0), radius=3.0)
-    >>> [rays] = light_rays({5: lamp}, froxels)
-    >>> float(rays.nearest[0, 0]), float(rays.across2[0, 0]) < 1e-20, float(rays.intensity[0])
+    >>> rays = light_rays({5: lamp}, froxels)
+    >>> nearest, across2 = rays.window(0)
+    >>> float(nearest[0, 1]), float(across2[0, 1]) < 1e-20, float(rays.intensity[0, 0])
     (2.0, True, 1.0)
     """
-    px, py, pz = (c.astype(np.float64) for c in froxels.rays.per_depth)
-    rays = Rays(froxels.rays.origin, (px, py, pz), 1.0 / np.sqrt(dot((px, py, pz), (px, py, pz))))
     with np.errstate(over="ignore"):  # sizes beyond all numbers are cut to the largest one
         boxes = _reached(list(lights.values()), froxels, restrict)
-        return [_relate(index, light, box, froxels, rays, attenuation, restrict)
-                for (index, light), box in zip(lights.items(), boxes, strict=True) if box.any()]
+        kept: NDArray[np.bool_] = np.any(boxes, axis=(1, 2))
+        boxes = boxes[kept]
+        chosen = [light for light, keep in zip(lights.values(), kept.tolist(), strict=True) if keep]
+        q = np.array([light.position for light in chosen]).reshape(-1, 3) - froxels.rays.origin
+        windowed = np.array([light.falloff == "windowed" for light in chosen], bool)
+        # Without a window any unit does; this one keeps the squares of everything small.
+        radii = np.maximum([light.radius for light in chosen], TINIEST)
+        units = np.where(windowed, radii, np.maximum(1.0, np.hypot.reduce(q, axis=1)))
+        windows = _windows(boxes)
+        sizes = (windows[:, 1] - windows[:, 0]) * (windows[:, 3] - windows[:, 2])
+        starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
+        nearest, across2 = np.empty((2, int(starts[-1])), froxels.depths.dtype)
+        smallest = np.array([smallest_d2(light, attenuation) for light in chosen])
+        colours = np.array([colour(light) for light in chosen]).reshape(-1, 3)
+        per_unit = colours / units[:, np.newaxis] / units[:, np.newaxis]
+        result = LightRays(np.array(list(lights), np.intp)[kept], units, windowed, per_unit, windows, starts,
+                           nearest, across2, {}, boxes, boxes, smallest / units / units)
+        cones, closest = _relate(result, chosen, q / units[:, np.newaxis], froxels)
+        if restrict:
+            near = np.flatnonzero(~(closest * units * units > 2.0 * smallest))
+            close = np.zeros_like(boxes)
+            if near.size:
+                close[near] = slice_boxes(froxels, [chosen[k].position for k in near], np.sqrt(smallest[near]))
+            result = result._replace(close=close)
+    return result._replace(cones=cones)
+
+
+def _windows(boxes: Boxes) -> Boxes:
+    """The rows and columns that hold all of each light's boxes."""
+    filled = boxes[..., 1] > 0
+    first = np.where(filled[..., np.newaxis], boxes[..., ::2], np.iinfo(np.intp).max).min(axis=1)
+    last = boxes[..., 1::2].max(axis=1)
+    return np.stack([first[:, 0], last[:, 0], first[:, 1], last[:, 1]], axis=1)
 
 
 def _reached(lights: list[PointLight], froxels: Froxels, restrict: bool) -> Boxes:
@@ -150,13 +197,15 @@ def _reached(lights: list[PointLight], froxels: Froxels, restrict: bool) -> Boxe
                                      [lights[k].radius for k in bounded])
     for k in bounded:
         light = lights[k]
-        # The corners of a pyramid that is wide, or long beyond all measure, say nothing.
-        long = light.radius > 1e3 * float(froxels.depths[-1, 0, 0])
-        if isinstance(light, SpotLight) and light.outer_angle < 80.0 and not long:
-            boxes[k] = _cut(boxes[k], _cone_bounds(light, froxels))
-        # NumPy's loops run along x: half a row costs as much as the whole.
-        if 2 * int(np.max(boxes[k, :, 3] - boxes[k, :, 2])) >= columns:
-            boxes[k, boxes[k, :, 1] > 0, 2:] = 0, columns
+        if isinstance(light, SpotLight):
+            corners = cone_corners(light, froxels.depths.dtype)
+            # The corners of a pyramid that is long beyond all measure say nothing.
+            if len(corners) and light.radius <= 1e3 * float(froxels.depths[-1, 0, 0]):
+                boxes[k] = _cut(boxes[k], _corner_boxes(corners, froxels))
+    if restrict:
+        # NumPy's loops run along x, and along whole rows in one go: what that saves pays for a few columns.
+        few = COLUMNS // froxels.depths.itemsize
+        boxes[..., 2:][(boxes[..., 3] - boxes[..., 2] >= columns - few) & (boxes[..., 1] > 0)] = 0, columns
     return boxes
 
 
@@ -182,46 +231,76 @@ def farthest_distance(dtype: np.dtype[Any]) -> float:
     return math.sqrt(math.sqrt(largest)) / 16.0
 
 
-def _relate(index: int, light: PointLight, boxes: Boxes, froxels: Froxels, rays: Rays, attenuation: str,
-            restrict: bool) -> LightRays:
-    """One light relative to the rays in its boxes; ``rays.length`` is 1/|p| here, all in float64."""
-    dtype = froxels.rays.length.dtype
-    filled = boxes[boxes[:, 1] > 0]
-    (top, left), (bottom, right) = filled[:, ::2].min(axis=0).tolist(), filled[:, 1::2].max(axis=0).tolist()
-    y, x = slice(top, bottom), slice(left, right)
-    shape = (bottom - top, right - left)
-    px, py, pz = (c[y if c.shape[0] > 1 else slice(None), x if c.shape[1] > 1 else slice(None)]
-                  for c in rays.per_depth)
-    per_length = rays.length[y, x]
-    windowed = light.falloff == "windowed"
-    q = np.subtract(light.position, rays.origin)
-    # Without a window any unit does; this one keeps the squares of everything small.
-    size = max(light.radius, TINIEST) if windowed else max(1.0, float(np.hypot.reduce(q)))
-    qx, qy, qz = (q / size).tolist()
-    nx, ny, nz = qy * pz - qz * py, qz * px - qx * pz, qx * py - qy * px
-    b = (qx * px + qy * py + qz * pz) * per_length
-    h2 = (nx * nx + ny * ny + nz * nz) * (per_length * per_length)
-    limits = np.finfo(dtype)
+def _relate(rays: LightRays, lights: list[PointLight], q: NDArray[np.float64],
+            froxels: Froxels) -> tuple[dict[int, ConeRays], NDArray[np.float64]]:
+    """Fill ``nearest`` and ``across2``; the cones, and each light's least h². ``q`` is in units."""
+    px, py, pz = (c.astype(np.float64) for c in froxels.rays.per_depth)
+    per_length = 1.0 / np.sqrt(dot((px, py, pz), (px, py, pz)))
+    whole = [np.broadcast_to(c, froxels.rays.length.shape) for c in (px, py, pz, per_length)]
+    cones: dict[int, ConeRays] = {}
+    closest = np.empty(len(lights))
     # A ray through the light itself, and a light too far away to measure in its radii: the window's fourth
     # power of the distance must stay a number.
-    closest, farthest = CLOSEST * light.min_distance / size, farthest_distance(dtype)
-    b = np.clip(b, -farthest, farthest)
-    h2 = np.clip(h2, max(closest * closest, 1e4 * float(limits.tiny)), farthest * farthest)
-    cone = None
-    if isinstance(light, SpotLight):
-        scale, offset = spot_cone(light)
-        ax, ay, az = (scale * c for c in unit(light.direction))
-        slope = (ax * px + ay * py + az * pz) * per_length
-        start = b * slope - (ax * qx + ay * qy + az * qz)
-        cone = ConeRays(slope.astype(dtype), start.astype(dtype), offset)
-    smallest = smallest_d2(light, attenuation)
-    close = boxes
-    if restrict and float(h2.min()) * size * size > 2.0 * smallest:
-        close = np.zeros_like(boxes)
-    elif restrict:
-        close = slice_boxes(froxels, [light.position], [math.sqrt(smallest)])[0]
-    return LightRays(index, size, windowed, colour(light) / size / size, (top, left), b.astype(dtype),
-                     np.broadcast_to(h2.astype(dtype), shape), cone, boxes, close, smallest / size / size)
+    limits, farthest = np.finfo(rays.nearest.dtype), farthest_distance(rays.nearest.dtype)
+    least = np.maximum((CLOSEST * np.array([light.min_distance for light in lights]) / rays.units) ** 2,
+                       1e4 * float(limits.tiny))
+
+    for group in _groups(rays.starts):  # calls too short to share them out to threads
+        counts = np.diff(rays.starts[group.start:group.stop + 1])
+        begin, end = int(rays.starts[group.start]), int(rays.starts[group.stop])
+        part = np.empty((4, end - begin))
+        for k in range(group.start, group.stop):
+            top, bottom, left, right = rays.windows[k].tolist()
+            span = part[:, int(rays.starts[k]) - begin:int(rays.starts[k + 1]) - begin]
+            for values, image in zip(span, whole, strict=True):
+                values.reshape(bottom - top, right - left)[...] = image[top:bottom, left:right]
+        # One light alone is three numbers, several are told apart ray by ray.
+        several = len(counts) > 1
+        b, h2 = _along_and_across(part, np.repeat(q[group].T, counts, axis=1) if several else q[group.start])
+        np.clip(b, -farthest, farthest, out=b)
+        np.clip(h2, np.repeat(least[group], counts) if several else least[group.start], farthest * farthest, out=h2)
+        rays.nearest[begin:end], rays.across2[begin:end] = b, h2
+        closest[group] = np.minimum.reduceat(h2, rays.starts[group] - begin)
+        for k in range(group.start, group.stop):
+            light, own = lights[k], slice(int(rays.starts[k]) - begin, int(rays.starts[k + 1]) - begin)
+            if isinstance(light, SpotLight):
+                cones[k] = _cone_rays(light, part[:, own], b[own], q[k], rays, k)
+    return cones, closest
+
+
+def _groups(starts: NDArray[np.intp]) -> list[slice]:
+    """Lights whose rays together fill a block."""
+    ends = np.unique(np.searchsorted(starts, np.arange(RAYS, int(starts[-1]) + RAYS, RAYS)))
+    ends = np.unique(np.minimum(ends, len(starts) - 1)).tolist()
+    return [slice(a, b) for a, b in zip([0, *ends], ends, strict=False) if a < b]
+
+
+def _along_and_across(part: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[Field, Field]:
+    """b and h² of rays px, py, pz, 1/|p|."""
+    (px, py, pz, per_length), (qx, qy, qz) = part, q
+    b, h2, a, c = qx * px, np.zeros_like(px), np.empty_like(px), np.empty_like(px)
+    b += np.multiply(qy, py, out=a)
+    b += np.multiply(qz, pz, out=a)
+    b *= per_length
+    for (q0, p0), (q1, p1) in (((qy, pz), (qz, py)), ((qz, px), (qx, pz)), ((qx, py), (qy, px))):
+        np.multiply(q0, p0, out=a)
+        a -= np.multiply(q1, p1, out=c)
+        h2 += np.multiply(a, a, out=a)
+    h2 *= np.multiply(per_length, per_length, out=a)
+    return b, h2
+
+
+def _cone_rays(light: SpotLight, part: NDArray[np.float64], b: Field, q: NDArray[np.float64], rays: LightRays,
+               k: int) -> ConeRays:
+    """A spot light's cone along the rays of its window."""
+    (px, py, pz, per_length), dtype = part, rays.nearest.dtype
+    top, bottom, left, right = rays.windows[k].tolist()
+    scale, offset = spot_cone(light)
+    ax, ay, az = (scale * c for c in unit(light.direction))
+    slope = (ax * px + ay * py + az * pz) * per_length
+    start = b * slope - (ax * q[0] + ay * q[1] + az * q[2])
+    slope, start = (c.astype(dtype).reshape(bottom - top, right - left) for c in (slope, start))
+    return ConeRays(slope, start, offset)
 
 
 def slice_boxes(froxels: Froxels, centers: ArrayLike, radii: ArrayLike) -> Boxes:
@@ -277,53 +356,41 @@ def slice_boxes(froxels: Froxels, centers: ArrayLike, radii: ArrayLike) -> Boxes
     return boxes
 
 
-def rect(boxes: Boxes, z: slice, y: slice) -> Rect | None:
-    """The part of a block that boxes cover, as ranges in the grid.
+def rects(boxes: Boxes, z: slice, y: slice) -> Boxes:
+    """The part of a block that each light's boxes cover, as ranges in the grid.
 
     Parameters
     ----------
-    boxes : ndarray, shape (D, 4)
+    boxes : ndarray, shape (n, D, 4)
         As from `slice_boxes`.
     z, y : slice
         The block's slices and rows.
 
     Returns
     -------
-    tuple of 3 slices, or None
-        Along z, y and x; None where the boxes miss the block.
+    ndarray, shape (n, 6)
+        First and last + 1 along z, y and x; all 0 where the boxes miss the block.
 
     Examples
     --------
-    >>> rect(np.array([[0, 0, 0, 0], [2, 6, 3, 5]]), slice(0, 2), slice(4, 8))
-    (slice(1, 2, None), slice(4, 6, None), slice(3, 5, None))
+    >>> rects(np.array([[[0, 0, 0, 0], [2, 6, 3, 5]]]), slice(0, 2), slice(4, 8)).tolist()
+    [[1, 2, 4, 6, 3, 5]]
     """
-    if z.stop - z.start == 1:
-        top, bottom, left, right = boxes[z.start].tolist()
-        first, last = z.start, z.stop
-    else:
-        part = boxes[z]
-        filled = np.flatnonzero(part[:, 1])
-        if filled.size == 0:
-            return None
-        part = part[filled]
-        (top, left), (bottom, right) = part[:, ::2].min(axis=0).tolist(), part[:, 1::2].max(axis=0).tolist()
-        first, last = z.start + int(filled[0]), z.start + int(filled[-1]) + 1
-    top, bottom = max(top, y.start), min(bottom, y.stop)
-    if top >= bottom or left >= right:
-        return None
-    return slice(first, last), slice(top, bottom), slice(left, right)
+    part = boxes[:, z]
+    filled = (np.minimum(part[..., 1], y.stop) > np.maximum(part[..., 0], y.start)) & (part[..., 3] > part[..., 2])
+    result = np.empty((len(boxes), 6), np.intp)
+    result[:, 0] = z.start + np.argmax(filled, axis=1)
+    result[:, 1] = z.stop - np.argmax(filled[:, ::-1], axis=1)
+    result[:, 2::2] = np.where(filled[..., np.newaxis], part[..., ::2], np.iinfo(np.intp).max).min(axis=1)
+    result[:, 3::2] = np.where(filled[..., np.newaxis], part[..., 1::2], 0).max(axis=1)
+    np.clip(result[:, 2:4], y.start, y.stop, out=result[:, 2:4])
+    result[~filled.any(axis=1)] = 0
+    return result
 
 
-def _cone_bounds(light: SpotLight, froxels: Froxels) -> Boxes:
-    """Slice by slice bounds of a pyramid around a spot light's cone."""
-    axis = np.array(unit(light.direction))
-    side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    side /= np.linalg.norm(side)
-    half = np.tan(np.radians(light.outer_angle)) * light.radius * (1.0 + 1e-6)
-    base = axis * light.radius
-    sides = half * np.stack([side, np.cross(axis, side)])
-    corners = [base + i * sides[0] + j * sides[1] for i in (-1, 1) for j in (-1, 1)]
-    z, y, x = corner_bounds(froxels, np.array([np.zeros(3), *corners]) + light.position)
+def _corner_boxes(corners: NDArray[np.float64], froxels: Froxels) -> Boxes:
+    """Slice by slice bounds of the hull of some points, the same in each slice that it meets."""
+    z, y, x = corner_bounds(froxels, corners)
     boxes = np.zeros((froxels.depths.shape[0], 4), np.intp)
     boxes[z] = y.start, y.stop, x.start, x.stop
     return boxes

@@ -1,7 +1,7 @@
 """In-scattering: the light that each froxel sends towards the camera, per metre of the way.
 
 σ_s·(Σ_l p·Vis·E_l + ambient) + emission, block by block. What a point or spot light adds is worked out
-along the ray (`froxel_ref.light_rays`, `froxel_ref.lamps`), and only where the light reaches.
+along the ray (`froxel_ref.light_rays`, `froxel_ref.lamp_batches`), and only where the light reaches.
 """
 
 from __future__ import annotations
@@ -15,19 +15,11 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from froxel_ref import blocks
-from froxel_ref.arrays import Field, Visibility
+from froxel_ref.arrays import Candidates, Field, Visibility
 from froxel_ref.buffers import VBuffer
 from froxel_ref.grid import Froxels, froxel_points
-from froxel_ref.lamps import (
-    Lamps,
-    Lobe,
-    add_lamps,
-    channels,
-    make_lobe,
-    part,
-    prefactor,
-    relate_lamps,
-)
+from froxel_ref.lamp_batches import add_lamps
+from froxel_ref.lamps import Lamps, Lobe, channels, make_lobe, part, prefactor, relate_lamps
 from froxel_ref.phase import (
     PHASE,
     cornette_shanks,
@@ -79,8 +71,8 @@ def in_scattering(
     vbuffer: VBuffer, lights: Sequence[Light], froxels: Froxels, *, ambient: Rgb = (0.0, 0.0, 0.0),
     phase_function: str = "henyey_greenstein", second_lobe: SecondLobe | None = None,
     emission: str = "per_metre", attenuation: str = "min_distance", ambient_term: str = "scene",
-    exposure: float = 1.0, visibility: Visibility | None = None, threads: int | None = None,
-    block_size: int | None = None, restrict: bool = True,
+    exposure: float = 1.0, visibility: Visibility | None = None, candidates: Candidates | None = None,
+    threads: int | None = None, block_size: int | None = None, restrict: bool = True,
 ) -> Field:
     """Sum the light that each froxel scatters, or emits, towards the camera.
 
@@ -108,6 +100,9 @@ def in_scattering(
         A12: factor on the result.
     visibility : mapping of int to callable, optional
         For lights that something may hide: given points, the share of the light that arrives.
+    candidates : callable, optional
+        Given a block's slices and rows, the indices of the point and spot lights that it has to visit, growing
+        (`froxel_ref.culling.candidates`); all of them unless given.
     threads : int, optional
         Default: one for each core.
     block_size : int, optional
@@ -132,7 +127,7 @@ def in_scattering(
     σ_s·(Σ_l p·Vis·E_l + L_a) + emission [Dörries 2020, listings 3.2 and 3.7, with its emission at D2].
     A point light's share of it for Henyey–Greenstein, with v = d(1 − cos θ) = d + s, is
     p/d² = (1+|g|)/(4π(1−|g|)²)/(e·√(d·e)), e = d + 2|g|/(1−|g|)²·v, g < 0 with s mirrored: two roots and
-    one division a froxel. v is formed as h²/(d+|s|) + (s+|s|) where g asks for it (`froxel_ref.lamps`). At a
+    one division a froxel. v is formed as h²/(d+|s|) + (s+|s|) where g asks for it (`lamps.PLAIN`). At a
     light itself cos θ = 0; g is taken no nearer to ±1 than the dtype's last number below 1. The error is at
     most what 4 ulp in the froxel's position make of it (measured against 40 digits, |g| ≤ 0.99).
 
@@ -163,7 +158,8 @@ def in_scattering(
     sky = (CONSTANT_AMBIENT,) * 3 if ambient_term == "constant" else ambient
     job = Job(
         froxels=froxels, vbuffer=vbuffer, lobes=lobes, suns=suns, ambient=channels(sky, dtype), emission=emission,
-        lamps=relate_lamps(local, lobes, froxels, attenuation=attenuation, restrict=restrict, visibility=hidden),
+        lamps=relate_lamps(local, lobes, froxels, attenuation=attenuation, restrict=restrict, visibility=hidden,
+                           candidates=candidates),
         exposure=exposure, visibility=hidden)
     skies = [None if _along_z(job, lobe) else _sky(job, lobe, lobe.g) for lobe in lobes]
     shape = _shape(job, skies)
@@ -212,7 +208,7 @@ def _sky(job: Job, lobe: Lobe, g: Field, y: slice = slice(None), seen: Mapping[i
 def _shape(job: Job, skies: Sequence[Field | None]) -> tuple[int, int, int]:
     """The axes along which the result varies."""
     rows, columns = job.froxels.rays.length.shape
-    if job.lamps.rays or _shadowed(job):
+    if len(job.lamps.rays.numbers) or _shadowed(job):
         return job.froxels.depths.shape[0], rows, columns
     parts = [job.vbuffer.emission]
     for lobe, sky in zip(job.lobes, skies, strict=True):
@@ -235,7 +231,7 @@ def _fill(job: Job, whole: Sequence[Field | None], result: Field, memory: thread
                  for lobe, sky in zip(job.lobes, whole, strict=True)]
         for lobe, sky, light in zip(job.lobes, skies, lights, strict=True):
             light[...] = 0.0 if lobe.scaled else sky
-        if job.lamps.rays:
+        if len(job.lamps.rays.numbers):
             add_lamps(job.lamps, job.lobes, lights, memory, z, y)
         for lobe, sky, light in zip(job.lobes, skies, lights, strict=True):
             if lobe.scaled:

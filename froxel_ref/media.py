@@ -7,14 +7,14 @@ terms give single points (`media_at`, for the ground truth too) and whole grids 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from froxel_ref import blocks
-from froxel_ref.arrays import Field, Index, Points
+from froxel_ref.arrays import Candidates, Field, Index, Points
 from froxel_ref.buffers import VBuffer
 from froxel_ref.density import Placed, density, density_at, place
 from froxel_ref.grid import Froxels, corner_bounds, froxel_points
@@ -53,10 +53,14 @@ def contributing(media: Sequence[Medium]) -> tuple[Medium, ...]:
 
 
 class _Term(NamedTuple):
-    """A medium in place, its factors on density in each field, and the box of froxels it can touch."""
+    """A medium in place, its factors on density in each field, and the box of froxels it can touch.
+
+    ``number`` is its place among the global and local media.
+    """
 
     placed: Placed
     factors: Mapping[str, tuple[float, ...]]
+    number: int
     bounds: Index | None = None
 
     @property
@@ -81,7 +85,7 @@ def _terms(media: Sequence[Medium], textures: Textures, settings: Settings, dtyp
     """The media with their factors; those that add nothing to any field are left out unless ``idle``."""
     names, lobes = _wanted(media, settings), _lobe_anisotropies(media)
     terms = []
-    for medium in media:
+    for number, medium in enumerate(media):
         factors = _factors(medium, settings.emission, wide=names["extinction"] == 3)
         factors = {name: values for name, values in factors.items() if idle or any(values)}
         factors |= {"member_anisotropy": (medium.phase_anisotropy,), "members": (1.0,)}
@@ -91,7 +95,7 @@ def _terms(media: Sequence[Medium], textures: Textures, settings: Settings, dtyp
         used = {name: values for name, values in factors.items() if name in names}
         if used:
             texels = None if medium.density is None else textures[medium.density.source]
-            terms.append(_Term(place(medium, texels, dtype=dtype), used))
+            terms.append(_Term(place(medium, texels, dtype=dtype), used, number))
     return terms
 
 
@@ -226,7 +230,8 @@ def media_at(media: Sequence[Medium], points: Points, textures: Textures, settin
 
 
 def voxelise(scene: Scene, froxels: Froxels, textures: Textures, settings: Settings, *, restrict: bool = True,
-             threads: int | None = None, block: int = blocks.BLOCK) -> VBuffer:
+             candidates: Candidates | None = None, threads: int | None = None,
+             block: int = blocks.BLOCK) -> VBuffer:
     """Fill the V-Buffer: the material of all media at every froxel's sample.
 
     Parameters
@@ -242,6 +247,9 @@ def voxelise(scene: Scene, froxels: Froxels, textures: Textures, settings: Setti
     restrict : bool
         Evaluate local media only in the box of froxels that holds them, and leave out media that add
         nothing. The result is the same to the last bit without.
+    candidates : callable, optional
+        Given a block's slices and rows, the indices of the local media that it has to visit, growing
+        (`froxel_ref.culling.candidates`); all of them unless given.
     threads, block : int, optional
         How to run; see `froxel_ref.blocks`. No effect on the result.
 
@@ -285,25 +293,31 @@ def voxelise(scene: Scene, froxels: Froxels, textures: Textures, settings: Setti
     points = froxel_points(froxels) if everywhere else froxel_points(froxels, *(slice(0, 1),) * 3)
     sums = _sums(everywhere, small, points, settings)
     mean = "anisotropy" if "anisotropy" in names else "member_anisotropy"
-    sums |= _fill(terms, whole, froxels, settings, media, mean, threads, block)
+    first = len(scene.global_media)
+    visit = None if candidates is None or not restrict else lambda z, y: (candidates(z, y) + first).tolist()
+    sums |= _fill(terms, whole, froxels, settings, media, mean, visit, threads, block)
     if mean in small:
         return _buffer(sums, _mean_anisotropy(sums, media), media, settings)
     return _buffer(sums, sums[mean][0] if mean in whole else None, media, settings)
 
 
 def _fill(terms: Sequence[_Term], names: Mapping[str, int], froxels: Froxels, settings: Settings,
-          media: Sequence[Medium], mean: str, threads: int | None, block: int) -> dict[str, Field]:
+          media: Sequence[Medium], mean: str, visit: Callable[[slice, slice], list[int]] | None,
+          threads: int | None, block: int) -> dict[str, Field]:
     """The full fields, block by block: what is everywhere first, then each local medium in its box."""
     shape = _full_shape(froxels)
     fields = {name: np.empty((channels, *shape), froxels.depths.dtype) for name, channels in names.items()}
     everywhere = [term for term in terms if term.bounds is None]
-    local = [term for term in terms if term.bounds is not None]
+    local = {term.number: term for term in terms if term.bounds is not None}
 
     def fill(part: tuple[slice, slice]) -> None:
         z, y = part
         for name, total in _sums(everywhere, names, froxel_points(froxels, z, y), settings).items():
             fields[name][:, z, y] = total
-        for term in local:
+        for number in local if visit is None else visit(z, y):
+            term = local.get(number)
+            if term is None:  # it adds nothing, or lies out of view
+                continue
             box = _overlap(term.bounds or (z, y, slice(None)), z, y)
             if box is not None:
                 views = {name: fields[name][:, *box] for name in names if name in term.factors}

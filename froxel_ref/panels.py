@@ -455,7 +455,7 @@ def curve_panel(values: Field, width: int, height: int, label: str = "slice") ->
         draw.line([(left, y), (right, y)], fill=NOTHING)
         write(image, (left - 6, y), f"{low + share * (high - low):.3g}", 14, FAINT, anchor="rm")
     colours = [INK] if len(line) == 1 else [(255, 110, 100), (110, 220, 120), (110, 160, 255)]
-    for channel, colour in zip(line, colours, strict=True):
+    for channel, colour in zip(line, colours[:len(line)], strict=True):
         xs = left + (right - left) * (np.arange(len(channel)) + 0.5) / len(channel)
         ys = bottom - (channel - low) / (high - low) * (bottom - top)
         points = list(zip(xs.tolist(), ys.tolist(), strict=True))

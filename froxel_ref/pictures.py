@@ -13,6 +13,7 @@ import numpy as np
 
 from froxel_ref import panels
 from froxel_ref.arrays import Field
+from froxel_ref.culling import lights_per_tile
 from froxel_ref.display import Bytes, Display, display_for, to_srgb8
 from froxel_ref.panels import AMBER, FAINT, INK, PAPER, View, canvas, write
 from froxel_ref.stages import QUANTITIES, Quantity
@@ -30,6 +31,7 @@ PAGE, MARGIN, GAP, HEAD, FOOT = 2400, 48, 24, 34, 60
 # Of shadow maps, texels shown of a face, faces in a row; and axes of arrays that are read, not looked at.
 MAP_TEXELS, MAPS_ACROSS, TABLES = 256, 12, ("m", "mfij")
 SLIM, NARROW = 30, 300  # no picture on top is lower or narrower than this, with its words [px]
+COUNTED = {"l": "lobe", "n": "place", "eb": "bin"}
 HERO = ("apply/radiance", "surface/radiance", "apply/fog_radiance", "apply/fog_transmittance",
         "surface/depth")
 
@@ -62,7 +64,7 @@ def full_axes(array: Field, quantity: Quantity) -> str:
 
 
 def varying(array: Field, quantity: Quantity) -> str:
-    """The axes of z, y, x along which the array has more than one entry.
+    """The axes but channels and lobes along which the array has more than one entry.
 
     Parameters
     ----------
@@ -83,11 +85,11 @@ def varying(array: Field, quantity: Quantity) -> str:
     'y'
     """
     return "".join(axis for axis, size in zip(full_axes(array, quantity), array.shape, strict=True)
-                   if axis in "zyx" and size > 1)
+                   if axis not in "cl" and size > 1)
 
 
 def channel_first(array: Field, quantity: Quantity) -> Field:
-    """The array with a channel axis in front; lobes of a mixture are added up, maps laid side by side.
+    """The array with a channel axis in front: lobes of a mixture added up, bits of tiles counted, maps side by side.
 
     Parameters
     ----------
@@ -99,7 +101,7 @@ def channel_first(array: Field, quantity: Quantity) -> Field:
     Returns
     -------
     array, shape (C, ...)
-        C is 1 or 3.
+        C is 1 or 3; 2 for first and last place.
 
     Examples
     --------
@@ -108,8 +110,12 @@ def channel_first(array: Field, quantity: Quantity) -> Field:
     (1, 4, 1, 1)
     """
     axes = full_axes(array, quantity)
-    if axes == "mfvu":
+    if axes == "mfpq":
         return _mosaic(array)[None]
+    if axes == "wvu":
+        return lights_per_tile(array)[None]
+    if axes in ("eb", "n"):
+        return np.asarray(array, np.float64).reshape(-1, array.shape[-1])
     if axes.startswith("l") and len(axes) > 1:
         with np.errstate(over="ignore", invalid="ignore"):
             array, axes = array.sum(axis=0), axes[1:]
@@ -186,7 +192,9 @@ def _body(name: str, values: Field, quantity: Quantity, display: Display, view: 
     if _equal(values):
         return panels.swatch(values, display, 300, 84)
     if _along_one(values):
-        return panels.curve_panel(values, min(560, box[0]), 220, "lobe" if quantity.axes == "l" else "slice")
+        return panels.curve_panel(values, min(560, box[0]), 220, COUNTED.get(quantity.axes, "slice"))
+    if quantity.axes == "wvu":
+        return panels.scaled(display.paint(values), box[0], box[1])
     if values.ndim == 3:
         return panels.image_panel(values, display, view, box[0], box[1], on_grid=quantity.on_grid)
     strip = panels.slices_panel(values, display, view, slices, at_boundary=name.startswith("integrate/"),
@@ -215,6 +223,8 @@ def _framed(body: Image, name: str, array: Field, quantity: Quantity, display: D
     axes, unit = varying(array, quantity), f"  [{quantity.unit}]" if quantity.unit != "1" else ""
     same = _equal(channel_first(array, quantity))
     carried = "the same everywhere" if same else f"varies along {', '.join(axes) or 'its lobes'}"
+    if quantity.axes == "wvu":
+        carried = f"bits set, of {array.shape[1]} rows of {array.shape[2]} tiles"
     picture = canvas(width, body.height + HEAD + FOOT)
     write(picture, (0, 0), f"{name}{unit}", 22, INK, width)
     picture.paste(body, (0, HEAD))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -294,14 +295,19 @@ class ExtraLights(Record):
 
     def lights(self) -> tuple[PointLight, ...]:
         """The lights; the first n are the same whatever the count."""
-        unit = np.random.default_rng(self.seed).random((self.count, 6))
-        position = np.asarray(self.low) + unit[:, :3] * np.subtract(self.high, self.low)
-        hue = unit[:, 3:] + 0.25
-        intensity = self.intensity * hue / hue.mean(axis=1, keepdims=True)
-        return tuple(
-            PointLight(name=f"extra {i}", position=tuple(p), intensity=tuple(c), radius=self.radius,
-                       casts_shadows=False)
-            for i, (p, c) in enumerate(zip(position.tolist(), intensity.tolist(), strict=True)))
+        return _strewn(self)
+
+
+@lru_cache(maxsize=4)  # every stage asks for them, and each light is checked as it is made
+def _strewn(extra: ExtraLights) -> tuple[PointLight, ...]:
+    unit = np.random.default_rng(extra.seed).random((extra.count, 6))
+    position = np.asarray(extra.low) + unit[:, :3] * np.subtract(extra.high, extra.low)
+    hue = unit[:, 3:] + 0.25
+    intensity = extra.intensity * hue / hue.mean(axis=1, keepdims=True)
+    return tuple(
+        PointLight(name=f"extra {i}", position=tuple(p), intensity=tuple(c), radius=extra.radius,
+                   casts_shadows=False)
+        for i, (p, c) in enumerate(zip(position.tolist(), intensity.tolist(), strict=True)))
 
 
 # --- surfaces ---------------------------------------------------------------------------------------

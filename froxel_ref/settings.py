@@ -144,6 +144,14 @@ class ShadowMaps(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Culling(Record):
+    """The lists of lights and local media: tiles of the screen by bins of view depth [Dörries 2020, §3.2.4]."""
+
+    tile: int = integer(8, "edge of a tile", unit="pixels", at_least=1, at_most=16384)
+    bins: int = integer(256, "bins of equal size between the grid's near and far", at_least=1, at_most=65536)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Settings(Record):
     """How a frame is computed."""
 
@@ -158,6 +166,7 @@ class Settings(Record):
     shadows: str = choice("maps", "exact", "off", default="maps",
                           about="opaque shadows: by shadow maps, by a ray from every point, or none")
     shadow_maps: ShadowMaps = nested(ShadowMaps, default=ShadowMaps(), about="for shadows by maps")
+    culling: Culling = nested(Culling, default=Culling(), about="the lists of lights and local media")
     precision: str = choice("float64", "float32", default="float64", about="type of the arithmetic")
     time: float = number(0.0, "scene time, moves scrolling textures", unit="s",
                          within=(-LONGEST, LONGEST))

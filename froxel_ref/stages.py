@@ -14,8 +14,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from froxel_ref import apply, grid, integrate, lighting, media, shadow_stage, surface
-from froxel_ref.arrays import Field, Points, Visibility
+from froxel_ref import apply, culling, grid, integrate, lighting, media, shadow_stage, surface
+from froxel_ref.arrays import Candidates, Field, Points, Visibility
 from froxel_ref.assets import Assets
 from froxel_ref.buffers import Integrated, VBuffer
 from froxel_ref.geometry import Rays, camera_rays
@@ -61,21 +61,27 @@ RADIANCE, PER_METRE = "W m^-2 sr^-1", "W m^-3 sr^-1"
 QUANTITIES: dict[str, Quantity] = {
     "grid/slice_depth": Quantity("z", "m", "view depth of each slice's far boundary"),
     "shadow/directional_light": Quantity("m", "1", "index of each directional light that has shadow maps"),
-    "shadow/directional_depth": Quantity("mfvu", "m", "depth of the first surface in each texel of each cascade"),
+    "shadow/directional_depth": Quantity("mfpq", "m", "depth of the first surface in each texel of each cascade"),
     "shadow/directional_matrix": Quantity("mfij", "1", "from the world to texels and depth"),
-    "shadow/directional_exponential": Quantity("mfvu", "1", "the filtered exponential maps of the cascades"),
+    "shadow/directional_exponential": Quantity("mfpq", "1", "the filtered exponential maps of the cascades"),
     "shadow/spot_light": Quantity("m", "1", "index of each spot light that has a shadow map"),
-    "shadow/spot_depth": Quantity("mfvu", "m", "depth of the first surface in each texel"),
+    "shadow/spot_depth": Quantity("mfpq", "m", "depth of the first surface in each texel"),
     "shadow/spot_matrix": Quantity("mfij", "1", "from the world to texels times depth, and depth"),
-    "shadow/spot_exponential": Quantity("mfvu", "1", "the filtered exponential maps"),
+    "shadow/spot_exponential": Quantity("mfpq", "1", "the filtered exponential maps"),
     "shadow/point_light": Quantity("m", "1", "index of each point light that has a shadow map"),
-    "shadow/point_depth": Quantity("mfvu", "m", "depth of the first surface in each texel of each face"),
+    "shadow/point_depth": Quantity("mfpq", "m", "depth of the first surface in each texel of each face"),
     "shadow/point_matrix": Quantity("mfij", "1", "from the world to texels times depth, and depth, of each face"),
-    "shadow/point_exponential": Quantity("mfvu", "1", "the filtered exponential maps of the faces"),
+    "shadow/point_exponential": Quantity("mfpq", "1", "the filtered exponential maps of the faces"),
     "surface/depth": Quantity("yx", "m", "view depth of the nearest surface, infinite where there is none"),
     "surface/normal": Quantity("cyx", "1", "unit normal of that surface in world space, towards the camera"),
     "surface/albedo": Quantity("cyx", "1", "Lambert reflectance of that surface"),
     "surface/radiance": Quantity("cyx", RADIANCE, "radiance that leaves the surface, or the background"),
+    "culling/light_order": Quantity("n", "1", "windowed lights by the view depth of their nearest point"),
+    "culling/light_bins": Quantity("eb", "1", "first and last place in that order that overlaps the depth bin"),
+    "culling/light_tiles": Quantity("wvu", "1", "bit i mod 32 of word i // 32: the i-th light reaches the tile"),
+    "culling/medium_order": Quantity("n", "1", "local media by the view depth of their nearest point"),
+    "culling/medium_bins": Quantity("eb", "1", "first and last place in that order that overlaps the depth bin"),
+    "culling/medium_tiles": Quantity("wvu", "1", "bit i mod 32 of word i // 32: the i-th medium meets the tile"),
     "media/scattering": Quantity("czyx", "1/m", "scattering coefficient at the froxel's sample"),
     "media/albedo": Quantity("czyx", "1", "scattering over extinction (switch albedo_at_zero where both are 0)"),
     "media/extinction": Quantity("zyx", "1/m", "extinction coefficient at the froxel's sample"),
@@ -218,6 +224,66 @@ def _run_surface(job: Job, results: Results) -> dict[str, Field]:
             "surface/radiance": radiance}
 
 
+# --- culling ----------------------------------------------------------------------------------------
+
+
+def _bounded_lights(scene: Scene) -> dict[int, PointLight]:
+    """The lights that have an end and give light, by index: all that is in lists."""
+    lamps = {i: light for i, light in enumerate(scene.all_lights) if isinstance(light, PointLight)}
+    return {i: light for i, light in lamps.items()
+            if light.falloff == "windowed" and any(light.intensity or light.power or ())}
+
+
+def _bounded_media(scene: Scene, settings: Settings) -> dict[int, LocalMedium]:
+    """The local media that add something, by index; the plain mean of g counts the others, too (D12)."""
+    idle = settings.phase_mixing == "mean"
+    return {i: medium for i, medium in enumerate(scene.local_media) if idle or media.contributing((medium,))}
+
+
+def _needs_culling(scene: Scene, settings: Settings) -> Need:
+    lights, local = len(_bounded_lights(scene)), len(_bounded_media(scene, settings))
+    found = [_count(lights, "light")] * bool(lights) + [_count(local, "local medium", "local media")] * bool(local)
+    return _some(found, "bounded: " + ", ".join(found), "the scene has no lights with a window and no local media")
+
+
+def _culling_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
+    lights, local = len(_bounded_lights(scene)), len(_bounded_media(scene, settings))
+    return (Part("lists of lights", *_some(lights, _count(lights, "light"), "the scene has none with a window")),
+            Part("lists of local media", *_some(local, _media_count(local), "the scene has none")))
+
+
+def _named(lights: culling.Culled, local: culling.Culled) -> dict[str, Field]:
+    return {f"culling/{kind}_{name}": array for kind, lists in (("light", lights), ("medium", local))
+            for name, array in lists._asdict().items()}
+
+
+def _tiling(job: Job) -> culling.Tiling:
+    how = job.settings
+    return culling.make_tiling(job.scene.camera, depth_range=(how.grid.near, how.grid.far),
+                               tile=how.culling.tile, bins=how.culling.bins)
+
+
+def _neutral_culling(job: Job) -> dict[str, Field]:
+    tiling = _tiling(job)
+    return _named(culling.cull_lights({}, tiling), culling.cull_media({}, tiling))
+
+
+def _run_culling(job: Job, results: Results) -> dict[str, Field]:
+    scene, tiling, origin = job.scene, _tiling(job), job.scene.camera.position
+    return _named(culling.cull_lights(_bounded_lights(scene), tiling, origin=origin, dtype=job.dtype),
+                  culling.cull_media(_bounded_media(scene, job.settings), tiling, origin=origin, dtype=job.dtype))
+
+
+def _candidates(job: Job, results: Results, kind: str) -> Candidates | None:
+    """What the lists hand to blocks; nothing where all is forced, or nothing has bounds."""
+    lists = culling.Culled(*(results[f"culling/{kind}_{name}"] for name in culling.Culled._fields))
+    if job.full or not len(lists.order):
+        return None
+    endless = [i for i, light in enumerate(job.scene.all_lights)
+               if isinstance(light, PointLight) and light.falloff != "windowed"] if kind == "light" else []
+    return culling.candidates(lists, job.froxels, _tiling(job), everywhere=endless)
+
+
 # --- media ------------------------------------------------------------------------------------------
 
 
@@ -265,7 +331,7 @@ def _lobes(lobes: tuple[tuple[Field, float], ...], dtype: np.dtype[np.floating])
 
 def _run_media(job: Job, results: Results) -> dict[str, Field]:
     buffer = media.voxelise(job.scene, job.froxels, job.assets.textures, job.settings, threads=job.threads,
-                            restrict=not job.full)
+                            candidates=_candidates(job, results, "medium"), restrict=not job.full)
     scattering = buffer.scattering
     if job.settings.albedo_at_zero == "divide":  # D1: listing 3.2 recovers σ_s from the albedo
         scattering = media.albedo_of(scattering, buffer.extinction, at_zero="divide") * buffer.extinction
@@ -353,7 +419,7 @@ def _run_lighting(job: Job, results: Results) -> dict[str, Field]:
         phase_function=settings.phase_function, second_lobe=settings.second_lobe, emission=settings.emission,
         attenuation=settings.attenuation, ambient_term=settings.ambient, visibility=_visibility(job, results),
         exposure=scene.camera.exposure if settings.exposure == "lighting" else 1.0, threads=job.threads,
-        restrict=not job.full)
+        candidates=_candidates(job, results, "light"), restrict=not job.full)
     return {"lighting/in_scattering": light}
 
 
@@ -436,6 +502,7 @@ def _path(job: Job, extinction: Field) -> Integrated:
 
 _MEDIA = ("media/scattering", "media/extinction", "media/emission", "media/phase_anisotropy",
           "media/lobe_scattering", "media/lobe_anisotropy")
+_LIGHTS, _LOCAL = (tuple(f"culling/{kind}_{name}" for name in culling.Culled._fields) for kind in ("light", "medium"))
 _SURFACE = ("surface/depth", "surface/normal", "surface/albedo", "surface/radiance")
 _SHADOW = tuple(name for names in shadow_stage.NAMES.values() for name in names)
 _INTEGRATED = tuple(f"integrate/{name}" for name in Integrated._fields)
@@ -453,9 +520,11 @@ STAGES: tuple[Stage, ...] = (
           lambda job: shadow_stage.map_keys(job.scene, job.settings, job.assets)),
     Stage("surface", "the nearest opaque surface and its Lambert shading", _SHADOW, _SURFACE,
           _needs_surface, _neutral_surface, _run_surface),
-    Stage("media", "the V-Buffer: material of the media at each froxel", (), (*_MEDIA, "media/albedo"),
+    Stage("culling", "which lights and local media can reach which tiles and depths", (), (*_LIGHTS, *_LOCAL),
+          _needs_culling, _neutral_culling, _run_culling, _culling_parts),
+    Stage("media", "the V-Buffer: material of the media at each froxel", _LOCAL, (*_MEDIA, "media/albedo"),
           _needs_media, _neutral_media, _run_media, _media_parts),
-    Stage("lighting", "light scattered towards the camera at each froxel", (*_MEDIA, *_SHADOW),
+    Stage("lighting", "light scattered towards the camera at each froxel", (*_MEDIA, *_SHADOW, *_LIGHTS),
           ("lighting/in_scattering",), _needs_lighting,
           lambda job: {"lighting/in_scattering": _constant(job, "czyx", BLACK)},
           _run_lighting, _lighting_parts),

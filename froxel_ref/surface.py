@@ -1,8 +1,8 @@
 """The surface stage: the nearest opaque surface along each camera ray, and its Lambert shading.
 
 It makes the depth buffer that the fog is looked up at. Surfaces are hit exactly (`froxel_ref.primitives`,
-`froxel_ref.triangles`). Each is tested only within the rectangle of the image that can see it, and each
-light only shades the rectangle that it can reach; what is left out could not have changed a bit.
+`froxel_ref.triangles`), and lit by `froxel_ref.shading`. Each is tested only within the rectangle of the image
+that can see it; what is left out could not have changed a bit.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from froxel_ref.arrays import Field, Points, Visibility
+from froxel_ref.arrays import Field
 from froxel_ref.blocks import blocks, run
 from froxel_ref.buffers import Hits
-from froxel_ref.geometry import Matrix, Rays, crop_rays, dot, ray_bounds, ray_points
-from froxel_ref.lights import colour, light_at
+from froxel_ref.geometry import Matrix, Rays, crop_rays, dot, ray_bounds
 from froxel_ref.primitives import Facets, box_normals, hit_box, hit_plane, hit_sphere
 from froxel_ref.records import InputError
-from froxel_ref.scene import HeightField, Light, Mesh, Plane, PointLight, Scene, Sphere, Surface
+from froxel_ref.scene import HeightField, Mesh, Plane, Scene, Sphere, Surface
+from froxel_ref.shading import shade
 from froxel_ref.triangles import height_field_normals, hit_height_field, hit_mesh, mesh_caster, mesh_normals
 
 if TYPE_CHECKING:
@@ -214,109 +214,6 @@ def _sphere(sphere: Sphere, rays: Rays) -> _Target:
 
 def _placed(pose: Matrix, points: NDArray[Any]) -> Matrix:
     result: Matrix = points @ pose[:3, :3].T + pose[:3, 3]
-    return result
-
-
-# --- shading ----------------------------------------------------------------------------------------
-
-
-def shade(hits: Hits, rays: Rays, scene: Scene, *, attenuation: str = "min_distance",
-          visibility: Visibility | None = None, restrict: bool = True, threads: int | None = None) -> Field:
-    """Shade what the rays hit as Lambert reflectors.
-
-    Parameters
-    ----------
-    hits : Hits
-        From `find_surfaces` with the same rays.
-    rays : Rays
-        Shape (h, w).
-    scene : Scene
-        Its lights, ambient and background radiance.
-    attenuation : {"min_distance", "inverse_radius"}
-        Lower bound of the distance (A6), see `froxel_ref.lights`.
-    visibility : mapping of int to callable, optional
-        For lights that something may hide: given points and normals, the share of the light that arrives.
-    restrict : bool
-        Shade with a light only within the `froxel_ref.geometry.ray_bounds` of its radius.
-        The result is the same without.
-    threads : int, optional
-        Default: one for each core. The result does not depend on it.
-
-    Returns
-    -------
-    Field, shape (3, h, w) [W m⁻² sr⁻¹]
-        Radiance towards the camera; the background where nothing is hit.
-
-    Notes
-    -----
-    albedo·(Σ_l E_l·max(N·L, 0)·visibility/π + ambient); the ambient radiance comes from all directions, so
-    its irradiance is π times as large.
-
-    Examples
-    --------
-    >>> from froxel_ref.geometry import camera_rays
-    >>> from froxel_ref.scene import Box, Camera
-    >>> rays = camera_rays(Camera(position=(0, 0, 4), target=(0, 0, 0)), 1, 1)
-    >>> hits = find_surfaces([Box()], rays, None)
-    >>> shade(hits, rays, Scene(ambient=(1, 2, 3))).ravel().tolist()
-    [0.5, 1.0, 1.5]
-    """
-    shape = hits.depth.shape
-    whole = (slice(0, shape[0]), slice(0, shape[1]))
-    reach = [(i, light, _reach(light, rays) if restrict else whole)
-             for i, light in enumerate(scene.all_lights)]
-    radiance = np.zeros((3, *shape), hits.depth.dtype)
-    hidden = visibility or {}
-
-    def light_rows(rows: slice) -> None:
-        depth, total = hits.depth[rows], radiance[:, rows]
-        empty = np.isinf(depth)
-        near, far = float(depth.min()), float(depth.max(where=~empty, initial=0.0))
-        met = {i for i, light, _ in reach if not restrict or _meets(light, rays, near, far)}
-        points = ray_points(crop_rays(rays, rows, whole[1]), np.where(empty, 0.0, depth).astype(depth.dtype))
-        for i, light, (y, x) in reach:
-            y = _overlap(y, rows)
-            y = slice(y.start - rows.start, y.stop - rows.start)
-            if y.start < y.stop and x.start < x.stop and i in met:
-                nearby = (points[0][y, x], points[1][y, x], points[2][y, x])
-                factor = _arriving(light, nearby, hits.normal[:, rows][:, y, x], attenuation)
-                if i in hidden:
-                    nx, ny, nz = hits.normal[:, rows][:, y, x]
-                    factor = factor * hidden[i](nearby, (nx, ny, nz))
-                for plane, each in zip(total, colour(light).tolist(), strict=True):
-                    plane[y, x] += factor * each
-        for c in range(3):
-            total[c] *= 1.0 / math.pi
-            total[c] += scene.ambient[c]
-            total[c] *= hits.albedo[c, rows]
-            np.copyto(total[c], scene.background[c], where=empty)
-
-    run(light_rows, (rows for _, rows in blocks(1, *shape, size=BLOCK)), threads=threads)
-    return radiance
-
-
-def _reach(light: Light, rays: Rays) -> Window:
-    """The rectangle of pixels whose surface a light can reach."""
-    if isinstance(light, PointLight) and light.falloff == "windowed":
-        return ray_bounds(rays, light.position + light.radius * CUBE)
-    return slice(0, rays.length.shape[0]), slice(0, rays.length.shape[1])
-
-
-def _meets(light: Light, rays: Rays, near: float, far: float) -> bool:
-    """Whether a light's radius can hold a surface at a view depth between near and far."""
-    if not (isinstance(light, PointLight) and light.falloff == "windowed"):
-        return True
-    # Distances from the camera: what the light reaches lies in a shell about it as thick as its radius, and
-    # a surface at view depth z between z and z times the longest ray.
-    away = math.dist(light.position, rays.origin)
-    slack = 1e-3 * (away + light.radius)
-    return near - slack <= away + light.radius and far * float(rays.length.max()) + slack >= away - light.radius
-
-
-def _arriving(light: Light, points: Points, normal: Field, attenuation: str) -> Field:
-    """What multiplies the light's colour to give the irradiance on surfaces."""
-    towards, factor = light_at(light, points, attenuation=attenuation)
-    result: Field = factor * np.maximum(dot((normal[0], normal[1], normal[2]), towards), 0.0)
     return result
 
 

@@ -214,7 +214,7 @@ def test_uniform_leaves_out_what_it_does_not_need() -> None:
     for name in ("local media", "height fog", "density textures", "shadows", "point and spot lights"):
         assert not parts[name].runs
         assert parts[name].why
-    assert [planned.name for planned in the_plan.left_out] == ["shadow", "surface"]
+    assert [planned.name for planned in the_plan.left_out] == ["shadow", "surface", "culling"]
     frame = run_frame(scene, how)
     assert frame["media/extinction"].shape == (1, 1, 1)
     assert frame["lighting/in_scattering"].shape == (3, 1, 8, 12)
@@ -224,7 +224,9 @@ def test_only_what_is_asked_for_runs_and_is_kept() -> None:
     scene, how = small("thesis-hall")
     frame = run_frame(scene, how, outputs=["media/extinction"])
     assert set(frame.results) == {"media/extinction"}
-    assert set(frame.timings) == {"media"}
+    assert set(frame.timings) == {"culling", "media"}  # the lists of local media
+    fog = run_frame(dataclasses.replace(scene, local_media=(), lights=()), how, outputs=["media/extinction"])
+    assert set(fog.timings) == {"media"}
     assert frame.plan["lighting"].why == "nothing that was asked for reads it"
 
 
@@ -334,6 +336,9 @@ def test_estimate_is_the_sum_of_all_results_at_full_size() -> None:
                    + (1 + 3 + 3 + 3 + 3 + 1 + 3) * image)
     # One sun with four cascades, nine lamps with six faces; a matrix of 12 numbers for each, an index a light.
     by_hand += 8 * (4 * (32 * 32 + 12) + 1 + 9 * (6 * (16 * 16 + 12) + 1))
+    words = sum(frame[f"culling/{kind}_tiles"].shape[0] for kind in ("light", "medium"))
+    assert words == 2
+    by_hand += 4 * (9 + 1 + 2 * 2 * 256 + words * 3 * 4)  # order, bins, and 3 rows of 4 tiles
     assert estimate_bytes(scene, how) == by_hand
 
 

@@ -230,12 +230,15 @@ def test_images_fit_their_box_without_stretching(size: tuple[int, int], box: tup
 def sizes(quantity: Quantity, full: bool) -> tuple[int, ...]:
     on_grid = quantity.on_grid or "z" in quantity.axes
     whole = {"c": 3, "l": 2, "z": GRID.depth, "y": GRID.height if on_grid else CAMERA.height,
-             "x": GRID.width if on_grid else CAMERA.width, "m": 2, "f": 3, "v": 16, "u": 16, "i": 3, "j": 4}
-    return tuple(whole[axis] if full or axis in "clmfvuij" else 1 for axis in quantity.axes)
+             "x": GRID.width if on_grid else CAMERA.width, "m": 2, "f": 3, "p": 16, "q": 16, "i": 3, "j": 4}
+    return tuple(whole[axis] if full or axis in "clmfpqij" else 1 for axis in quantity.axes)
+
+
+FIELDS = [name for name in QUANTITIES if not name.startswith("culling/")]  # lists: integers, of other axes
 
 
 @pytest.mark.parametrize("filling", ["constant", "full", "infinite", "not a number", "negative", "zero"])
-@pytest.mark.parametrize("name", QUANTITIES)
+@pytest.mark.parametrize("name", FIELDS)
 def test_every_array_has_a_preview_whatever_it_holds(name: str, filling: str) -> None:
     quantity = QUANTITIES[name]
     array = np.random.default_rng(1).random(sizes(quantity, filling != "constant"))
@@ -258,6 +261,27 @@ def test_axes_of_length_one_need_no_expansion(name: str, carried: str) -> None:
     array = np.random.default_rng(2).random(shape)
     assert varying(array, quantity) == carried
     assert preview(array, quantity, name=name, view=VIEW).dtype == np.uint8
+
+
+@pytest.mark.parametrize(("name", "shape"), [
+    ("culling/light_order", (1,)), ("culling/light_order", (70,)), ("culling/medium_bins", (2, 1)),
+    ("culling/light_bins", (2, 16)), ("culling/light_tiles", (1, 1, 1)), ("culling/light_tiles", (3, 5, 7)),
+    ("culling/medium_tiles", (1, 1, 7))])
+@pytest.mark.parametrize("filling", ["zero", "random", "largest"])
+def test_lists_have_previews(name: str, shape: tuple[int, ...], filling: str) -> None:
+    kind = np.uint32 if "tiles" in name else np.int32
+    largest = np.iinfo(kind).max
+    array = {"zero": np.zeros(shape, kind), "largest": np.full(shape, largest, kind),
+             "random": np.random.default_rng(5).integers(0, largest, shape, kind)}[filling]
+    image = preview(array, QUANTITIES[name], name=name, view=VIEW)
+    assert image.dtype == np.uint8
+    assert (image != image[0, 0]).any()
+
+
+def test_a_preview_of_tiles_counts_their_lights() -> None:
+    words = np.array([[[0, 1, 3]], [[0, 0, 0x80000001]]], np.uint32)
+    assert channel_first(words, QUANTITIES["culling/light_tiles"]).tolist() == [[[0.0, 1.0, 4.0]]]
+    assert varying(words, QUANTITIES["culling/light_tiles"]) == "wu"
 
 
 def test_extinction_per_colour_has_a_channel_in_front() -> None:
@@ -328,7 +352,7 @@ def test_no_radiance_is_too_dark_or_bright_for_a_label(value: float, exposure: f
     assert display.paint(radiance).tolist() == [[[0] * 3 if value < 1.0 else [255] * 3] * 2] * 2
 
 
-@pytest.mark.parametrize("name", QUANTITIES)
+@pytest.mark.parametrize("name", FIELDS)
 def test_a_preview_of_the_ends_of_the_floats(name: str) -> None:
     """Warnings are errors here: no picture may overflow."""
     quantity = QUANTITIES[name]

@@ -24,7 +24,7 @@ from froxel_ref.scene_files import LARGEST, Document, builtin, document, load, s
 from froxel_ref.settings import Settings
 from froxel_ref.strict_json import parse
 
-NAMES = ["lights", "smoke", "thesis-hall", "two-volumes", "uniform", "vacuum"]
+NAMES = ["lights", "many-lights", "smoke", "thesis-hall", "two-volumes", "uniform", "vacuum"]
 SMALL = '{"schema": 1, "scene": {"name": "small"}}'
 
 
@@ -121,16 +121,14 @@ def test_the_smoke_rises_and_the_bunny_stands_on_the_floor() -> None:
     np.testing.assert_allclose((low + high)[[0, 2]] / 2, 0, atol=0.01)
 
 
+KNOWN, ENDING = f"known: {', '.join(NAMES)}", "a scene file's name ends in .json"
+
+
 @pytest.mark.parametrize(("name", "expected"), [
-    ("thesis-hal", "scene: 'thesis-hal' is not built in; did you mean 'thesis-hall'? (known: lights, "
-                   "smoke, thesis-hall, two-volumes, uniform, vacuum); a scene file's name ends in .json"),
-    ("qqq", "scene: 'qqq' is not built in; known: lights, smoke, thesis-hall, two-volumes, uniform, vacuum; "
-            "a scene file's name ends in .json"),
-    ("", "scene: '' is not built in; known: lights, smoke, thesis-hall, two-volumes, uniform, vacuum; "
-         "a scene file's name ends in .json"),
-    ("a\nb",
-     "scene: 'a\\nb' is not built in; known: lights, smoke, thesis-hall, two-volumes, uniform, vacuum; "
-             "a scene file's name ends in .json"),
+    ("thesis-hal", f"scene: 'thesis-hal' is not built in; did you mean 'thesis-hall'? ({KNOWN}); {ENDING}"),
+    ("qqq", f"scene: 'qqq' is not built in; {KNOWN}; {ENDING}"),
+    ("", f"scene: '' is not built in; {KNOWN}; {ENDING}"),
+    ("a\nb", f"scene: 'a\\nb' is not built in; {KNOWN}; {ENDING}"),
 ])
 def test_an_unknown_scene_is_refused_with_the_nearest(name: str, expected: str) -> None:
     assert message(load, name) == expected

@@ -10,7 +10,7 @@ import re
 import pytest
 
 from froxel_ref.records import InputError, from_json, to_json
-from froxel_ref.settings import FIDELITIES, SWITCHES, Grid, SecondLobe, Settings, Switches, replace
+from froxel_ref.settings import FIDELITIES, SWITCHES, Culling, Grid, SecondLobe, Settings, Switches, replace
 
 # Which departure each switch is for, and what the sources do there (the tables of CONVENTIONS.md).
 EXPECTED = {
@@ -105,6 +105,9 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
     ({"second_lobe": {"phase_anisotropy": -1}},
      "second_lobe.phase_anisotropy: is -1, must be above -1 and below 1"),
     ({"second_lobe": {"weight": 1.5}}, "second_lobe.weight: is 1.5, must be at least 0 and at most 1"),
+    ({"culling": {"tile": 0}}, "culling.tile: is 0, must be at least 1 and at most 16384 pixels"),
+    ({"culling": {"bins": 2.5}}, "culling.bins: is 2.5, must be a whole number"),
+    ({"culling": {"bin": 2}}, "culling.bin: is not a key here; did you mean 'bins'?"),
     ({"time": float("nan")}, "time: is nan, must be a finite number"),
     ({"precision": "float16"}, "precision: is 'float16', must be one of float64, float32"),
 ])
@@ -114,7 +117,7 @@ def test_what_is_refused_is_named_in_one_line(raw: object, message: str) -> None
     assert str(caught.value) == message
 
 
-@pytest.mark.parametrize("cls", [Grid, Switches, SecondLobe, Settings])
+@pytest.mark.parametrize("cls", [Culling, Grid, Switches, SecondLobe, Settings])
 def test_everything_is_described(cls: type) -> None:
     assert cls.__doc__
     assert [f.name for f in dataclasses.fields(cls) if not f.metadata["kind"].about] == []
