@@ -18,6 +18,7 @@ from froxel_ref.arrays import Field, Index
 from froxel_ref.grid import froxel_points
 from froxel_ref.lamps import Lamps, Lobe, part
 from froxel_ref.light_rays import ConeRays, rects
+from froxel_ref.lights import seen
 from froxel_ref.phase import phase
 
 __all__ = ["add_lamps"]
@@ -234,7 +235,7 @@ def _reach(lamps: Lamps, batch: Batch, close: list[list[int]], along: Field) -> 
             _cone(piece, piece.cone)
         sight = lamps.visibility.get(int(rays.numbers[piece.k]))
         if sight is not None:
-            piece.reach[...] *= sight(froxel_points(lamps.froxels, *piece.area))
+            piece.reach[...] = seen(piece.reach, sight, froxel_points(lamps.froxels, *piece.area))
 
 
 def _window(batch: Batch) -> None:

@@ -119,6 +119,9 @@ class ShadowMaps(Record):
                                within=(0.0, LONGEST))
     normal_bias: float = number(1.0, "how far a surface is lifted, 1 being what a plane needs", at_least=0.0,
                                 within=(0.0, LONGEST))
+    border: int | None = integer(None, "texels around a spot light's map and the faces of a point light's, for filters "
+                                 "to reach into; as many as they need unless given", optional=True, at_least=0,
+                                 at_most=4096)
     exponent: float = number(80.0, "exponential maps: over the light's range [Annen 2008]", above=0.0,
                              within=(SHORTEST, 85.0))
     downsample: int = integer(4, "exponential maps: texels averaged along each axis", at_least=1, at_most=64)
@@ -131,13 +134,15 @@ class ShadowMaps(Record):
             if size % (2 * self.downsample if self.technique == "exponential" else 2):
                 raise InputError(name, f"is {size}, must be a multiple of "
                                        f"{2 * self.downsample if self.technique == 'exponential' else 2}")
-            if size <= 2 * self.border + 8:
-                raise InputError(name, f"is {size}, must be above {2 * self.border + 8}: filters need a border of "
-                                       f"{self.border} texels")
+            if size <= 2 * self.edge + 8:
+                raise InputError(name, f"is {size}, must be above {2 * self.edge + 8}: there is a border of "
+                                       f"{self.edge} texels")
 
     @property
-    def border(self) -> int:
-        """Texels around a spot light's map and each face of a point light's that filters reach into."""
+    def edge(self) -> int:
+        """Texels of the border: as given, or as many as filters reach into."""
+        if self.border is not None:
+            return self.border
         if self.technique == "exponential":
             return self.downsample * (self.blur + 1)
         return self.kernel // 2 + 1

@@ -18,7 +18,7 @@ from froxel_ref.arrays import Field, Points, Visibility
 from froxel_ref.blocks import blocks, run
 from froxel_ref.buffers import Hits
 from froxel_ref.geometry import Rays, crop_rays, dot, ray_points
-from froxel_ref.lights import colour, light_at
+from froxel_ref.lights import colour, light_at, seen
 from froxel_ref.scene import Light, PointLight, Scene
 
 __all__ = ["shade"]
@@ -194,6 +194,6 @@ def _add(light: Field, number: int, source: Light, chosen: Integers | None, tile
         towards, factor = light_at(source, (x, y, z), attenuation=attenuation)
         arriving = factor * np.maximum(dot((nx, ny, nz), towards), 0.0)
         if number in hidden:
-            arriving = arriving * hidden[number]((x, y, z), (nx, ny, nz))
+            arriving = seen(arriving, hidden[number], (x, y, z), (nx, ny, nz))
         for plane, each in zip(light, tint, strict=True):
             plane[part] += arriving * each

@@ -222,7 +222,7 @@ def make_stack(kind: str, lights: Mapping[int, Light], casting: Sequence[Caster]
             tasks += [_task(casting, view, depth[k, face]) for face, view in enumerate(views)]
     blocks.run(lambda task: task(), tasks, threads=threads)
     if kind == "point" and maps.point_map == "octahedral":
-        _glue(depth, maps.border)
+        _glue(depth, maps.edge)
     numbers = np.array(list(lights), np.int64)
     if maps.technique != "exponential":
         return Stack(numbers, depth, matrix, np.empty((0, *shape), depth.dtype))
@@ -237,8 +237,8 @@ def _views(light: Light, camera: Camera, grid: Grid, maps: ShadowMaps) -> list[L
     if isinstance(light, DirectionalLight):
         return cascade_views(light, camera, grid, maps)
     if isinstance(light, SpotLight) and map_kind(light) == "spot":
-        return [spot_view(light, maps.spot_size, border=maps.border)]
-    return cube_views(light, maps.point_size, border=maps.border)
+        return [spot_view(light, maps.spot_size, border=maps.edge)]
+    return cube_views(light, maps.point_size, border=maps.edge)
 
 
 def _relative(light: Light) -> Matrix:
@@ -257,7 +257,7 @@ def _task(casting: Sequence[Caster], view: LightRaster, out: Field) -> Callable[
 def _octahedral_tasks(light: PointLight, casting: Sequence[Caster], out: Field, maps: ShadowMaps
                       ) -> list[Callable[[], None]]:
     """The four quarters of a map without its gutter, as distances from the light."""
-    border = maps.border
+    border = maps.edge
     inner = maps.point_size - 2 * border
     half = inner // 2
 

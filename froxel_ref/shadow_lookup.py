@@ -342,7 +342,7 @@ def octahedral_square(x: Field, y: Field, z: Field) -> tuple[Field, Field]:
 
 def _octahedron(shadow_map: ShadowMap, maps: ShadowMaps, points: Points, normal: Points | None) -> _Place:
     size = shadow_map.depth.shape[-1]
-    inner = size - 2 * maps.border
+    inner = size - 2 * maps.edge
     origin = -shadow_map.matrix[0, :, 3]
     x, y, z = _from(points, origin)
     slope = None

@@ -70,7 +70,7 @@ def exact(light, surfaces=THINGS):
 
 def views(name, maps):
     """Every face's raster, its border cut off."""
-    border = maps.border
+    border = maps.edge
     if name == "directional":
         return cascade_views(SUN, CAMERA, GRID, maps)
     if name == "octahedral":
@@ -204,7 +204,7 @@ def test_a_map_without_its_border_has_seams():
     slope = (Plane(point=(0.0, -1.0, 0.0)),)
     stack = make_stack(kind, {0: light}, casters(slope, None), CAMERA, GRID, maps=maps)
     torn = stack.depth.copy()
-    border = maps.border
+    border = maps.edge
     torn[..., :border, :] = torn[..., -border:, :] = torn[..., :, :border] = torn[..., :, -border:] = 0.0
     angle = np.linspace(0, 2 * np.pi, 720)
     rim = (np.cos(angle), np.full_like(angle, -0.3), np.sin(angle))
@@ -512,6 +512,22 @@ def test_maps_made_elsewhere_are_used(tmp_path):
     np.save(tmp_path / "sun.npy", np.full((4, 128, 128), np.inf))
     lit = run_frame(given, how, assets=load_assets(given, tmp_path))
     assert lit[FINAL].mean() > 1.02 * second[FINAL].mean()
+
+
+def test_a_cube_without_a_border_is_a_renderers_own(tmp_path):
+    """Six faces that end at their edges: the inner part of ours, and right but for the texels at the edges."""
+    scene, how, assets = hall()
+    ours = run_frame(scene, how, assets=assets)
+    edge = how.shadow_maps.edge
+    plain = replace(how, shadow_maps=dataclasses.replace(how.shadow_maps, border=0, point_size=64 - 2 * edge))
+    np.save(tmp_path / "lamp.npy", ours["shadow/point_depth"][3][:, edge:-edge, edge:-edge])
+    lights = [dataclasses.replace(light, shadow_map="lamp.npy" if i == 4 else None)
+              for i, light in enumerate(scene.lights)]
+    given = dataclasses.replace(scene, lights=tuple(lights))
+    used = run_frame(given, plain, assets=load_assets(given, tmp_path))["shadow/point_depth"][3]
+    made = run_frame(scene, plain, assets=assets)["shadow/point_depth"][3]
+    # The same rays but for rounding, which decides at silhouettes.
+    assert np.isclose(used, made, rtol=1e-12).mean() > 0.999
 
 
 @pytest.mark.parametrize(("array", "words"), [
