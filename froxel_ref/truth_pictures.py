@@ -82,7 +82,8 @@ def difference(radiance: Array, truth: Array) -> Difference:
     row, column = np.unravel_index(int(np.argmax(finite)), finite.shape)
     with np.errstate(over="ignore"):
         rms = math.sqrt(float((away * away).mean()))
-    return Difference(relative, float(np.quantile(relative, 0.5, method="lower")), rms / mean if mean > 0.0 else (math.inf if rms else 0.0),
+    share = rms / mean if mean > 0.0 else (math.inf if rms else 0.0)
+    return Difference(relative, float(np.quantile(relative, 0.5, method="lower")), share,
                       max(0.0, float(finite[row, column])), (int(column), int(row)))
 
 
