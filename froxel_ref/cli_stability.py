@@ -17,7 +17,7 @@ __all__ = ["EXAMPLES", "add_options", "run_stability"]
 EXAMPLES = """\
 Measures every kernel in float64, float32 and with float16 storage against arithmetic with 40 digits and
 more, on random and extreme inputs; published formulas stand beside the corrected ones. Writes stability.csv,
-stability.json, a heat map per kernel and index.html, whose path is the last line printed. Needs mpmath
+stability.json, a map of the errors per kernel and index.html, whose path is the last line printed. Needs mpmath
 (pip install 'froxel-ref[stability]').
 
 examples:

@@ -63,7 +63,7 @@ class Kernel(NamedTuple):
     name, group, about : str
         ``word_word``; what it is listed under; one line.
     parameters : tuple of Parameter
-        The inputs. The first two span the heat map.
+        The inputs. The first two span the map of errors; an only one is its axis.
     forms : mapping of str to callable
         By name, functions of one array per parameter, of the type to compute in, to an array. The first is
         the one that must hold.
