@@ -117,7 +117,7 @@ def gathered(scene: Scene, settings: Settings, assets: Assets, integrator: str, 
              ) -> tuple[np.ndarray, np.ndarray]:
     """The frame's light up to each stretch's end and transmittance up to its front, (3, stretches, rays)."""
     grid = dataclasses.replace(settings.grid, width=WIDTH, height=HEIGHT, depth=depth)
-    run = replace(dataclasses.replace(settings, grid=grid), integrator=integrator, integrate_from="near")
+    run = replace(settings, grid=grid, shadows="off", integrator=integrator, integrate_from="near")
     frame = run_frame(scene, run, assets=assets, outputs=["integrate/radiance", "integrate/transmittance"])
     each = slice(depth // STRETCHES - 1, None, depth // STRETCHES)
     fields = [np.broadcast_to(frame[f"integrate/{name}"], (3, depth, HEIGHT, WIDTH))[:, each].reshape(

@@ -151,7 +151,7 @@ def make_bundle(physics: Physics, lines: Lines) -> Bundle:
     suns = {i: _turn(light, lines) for i, light in enumerate(physics.lights)
             if isinstance(light, DirectionalLight)}
     dark = {i: dark_spans(physics.occluders, lines, light) for i, light in enumerate(physics.lights)
-            } if physics.occluders else {}
+            if light.casts_shadows} if physics.occluders else {}
     shaded = {i: shadow_cuts(physics.media, physics.extinction, light, lines, lamp=lamps.get(i),
                              sun_distance=physics.sun_distance, time=settings.time)
               for i, light in enumerate(physics.lights) if colour(light).any()} if physics.volumetric else {}

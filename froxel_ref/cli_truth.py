@@ -28,7 +28,7 @@ The truth is always float64 and has no froxels: --grid's sizes and --precision a
 
 examples:
   froxel-ref truth two-volumes
-  froxel-ref truth thesis-hall --size 160x90 --shadows exact --rtol 1e-3 -o hall
+  froxel-ref truth thesis-hall --size 160x90 --shadows off --rtol 1e-3 -o hall
   froxel-ref truth lights --size 64x36 --volumetric-shadows --filter box
 """
 
@@ -37,8 +37,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command beside those that name a scene and an output."""
     parser.add_argument("--rtol", metavar="R", default="1e-4",
                         help="wanted error as a share of the fog's radiance (default: 1e-4)")
-    parser.add_argument("--shadows", metavar="KIND", default="off",
-                        help="off (default, as the frame) or exact")
+    parser.add_argument("--shadows", metavar="KIND",
+                        help="exact, or off (default: exact, unless the scene's settings have them off)")
     parser.add_argument("--volumetric-shadows", action="store_true",
                         help="let media dim light on its way to the fog and the surfaces")
     parser.add_argument("--filter", metavar="KIND", default="centre",
@@ -53,10 +53,11 @@ def _options(args: argparse.Namespace) -> Options:
 
     if not re.fullmatch(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]{1,4})?", args.rtol):
         raise InputError("--rtol", f"is {shown(args.rtol)}, must be a number such as 1e-4")
-    for option, word, known in (("--shadows", args.shadows, SHADOWS), ("--filter", args.filter, FILTERS)):
+    kind = SHADOWS[-1] if args.shadows is None else args.shadows
+    for option, word, known in (("--shadows", kind, SHADOWS), ("--filter", args.filter, FILTERS)):
         if word not in known:
             raise InputError(option, f"is {shown(word)}, must be {' or '.join(known)}")
-    options = Options(float(args.rtol), args.shadows, args.volumetric_shadows, args.filter)
+    options = Options(float(args.rtol), kind, args.volumetric_shadows, args.filter)
     try:
         check_options(options.rtol, options.shadows, 1.0)
     except InputError as error:
@@ -98,9 +99,11 @@ def run_truth(args: argparse.Namespace, load: Callable[[Any], Loaded]) -> None:
     from froxel_ref.frame import run_frame
     from froxel_ref.output import output_path, whole_folder
     from froxel_ref.truth_files import CONTACT_SHEET, check_target, write_truth
-    from froxel_ref.truth_image import render_truth
+    from froxel_ref.truth_image import render_truth, shadow_kind
 
     options, loaded = _options(args), load(args)
+    if args.shadows is None:
+        options = options._replace(shadows=shadow_kind(loaded.settings))
     _check_scene(loaded, options, args.scene)
     folder = output_path(args.output, f"truth-{Path(args.scene).stem}")
     check_target(folder, force=args.force)

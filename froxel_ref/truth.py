@@ -180,7 +180,8 @@ def make_truth_physics(scene: Scene, settings: Settings, assets: Assets | None, 
     from froxel_ref.assets import load_assets
 
     assets = load_assets(scene, None) if assets is None else assets
-    casting = occluders(scene.surfaces, assets) if shadows == "exact" else ()
+    casting = occluders([surface for surface in scene.surfaces if surface.casts_shadows], assets
+                        ) if shadows == "exact" else ()
     return make_physics(scene, settings, assets.textures, casting, volumetric=volumetric,
                         sun_distance=sun_distance)
 

@@ -17,15 +17,15 @@ from froxel_ref.media import contributing
 from froxel_ref.records import InputError, suggest
 from froxel_ref.scene import Scene
 from froxel_ref.settings import Settings
+from froxel_ref.shadow_stage import exact_sights
 from froxel_ref.single_scattering import Physics
 from froxel_ref.surface import find_surfaces, imported, shade
 from froxel_ref.truth import Progress, Truth, check_options, make_truth_physics, trace
-from froxel_ref.visibility import exact_visibility
 
 if TYPE_CHECKING:
     from froxel_ref.assets import Assets
 
-__all__ = ["FILTERS", "TruthImage", "check_filter", "check_integrable", "image_lines", "render_truth"]
+__all__ = ["FILTERS", "TruthImage", "check_filter", "check_integrable", "image_lines", "render_truth", "shadow_kind"]
 
 Array: TypeAlias = NDArray[np.floating[Any]]
 
@@ -127,8 +127,27 @@ def image_lines(rays: Rays, depth: Field, far: float) -> tuple[Array, Array, Arr
     return np.asarray(rays.origin, np.float64)[:, np.newaxis], directions / length, ends
 
 
+def shadow_kind(settings: Settings) -> str:
+    """The shadows that are the truth of a frame's.
+
+    Parameters
+    ----------
+    settings : Settings
+
+    Returns
+    -------
+    {"off", "exact"}
+
+    Examples
+    --------
+    >>> shadow_kind(Settings(shadows="maps"))
+    'exact'
+    """
+    return "off" if settings.shadows == "off" else "exact"
+
+
 def render_truth(scene: Scene, settings: Settings | None = None, *, assets: Assets | None = None,
-                 rtol: float = 1e-4, shadows: str = "off", volumetric_shadows: bool = False,
+                 rtol: float = 1e-4, shadows: str | None = None, volumetric_shadows: bool = False,
                  sun_distance: float = np.inf, far: float | None = None, pixel_filter: str = "centre",
                  threads: int | None = None, progress: Progress | None = None) -> TruthImage:
     """Render an image whose single scattering has converged.
@@ -141,8 +160,10 @@ def render_truth(scene: Scene, settings: Settings | None = None, *, assets: Asse
         boundary are left out, as the frame does.
     assets : Assets, optional
         What the scene's files hold.
-    rtol, shadows, volumetric_shadows, sun_distance, threads
+    rtol, volumetric_shadows, sun_distance, threads
         As for `froxel_ref.truth.trace`; shadows fall on surfaces too.
+    shadows : {"off", "exact"}, optional
+        Default: exact, unless the settings have them off.
     far : float, optional [m]
         View depth at which rays end that hit nothing nearer; the grid's far boundary unless given, where
         the frame's fog ends too.
@@ -174,6 +195,7 @@ def render_truth(scene: Scene, settings: Settings | None = None, *, assets: Asse
     [[1.0, 1.0]]
     """
     settings = settings or Settings()
+    shadows = shadow_kind(settings) if shadows is None else shadows
     check_options(rtol, shadows, sun_distance)
     check_filter(scene, pixel_filter)
     from froxel_ref.assets import load_assets
@@ -243,7 +265,7 @@ def _surfaces(scene: Scene, physics: Physics, rays: Rays, assets: Assets,
         return imported(assets, scene)
     hits = find_surfaces(scene.surfaces, rays, assets, threads=threads)
     attenuation = physics.settings.attenuation
-    opaque = exact_visibility(physics.occluders, physics.lights) if physics.occluders else {}
+    opaque = exact_sights(scene, assets) if physics.occluders else {}
     if not physics.volumetric:
         return hits, shade(hits, rays, scene, attenuation=attenuation, visibility=opaque, threads=threads)
 
@@ -251,7 +273,7 @@ def _surfaces(scene: Scene, physics: Physics, rays: Rays, assets: Assets,
         way = light_transmittance(physics.media, physics.extinction, physics.lights[number], points,
                                   settings=physics.settings, sun_distance=physics.sun_distance)
         share: Field = way[min(channel, len(way) - 1)]
-        return np.asarray(share * opaque[number](points)) if number in opaque else share
+        return np.asarray(share * opaque[number](points, normal)) if number in opaque else share
 
     # Visibility is one number a light: coloured extinction is shaded one channel at a time.
     planes = []

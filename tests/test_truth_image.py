@@ -28,9 +28,26 @@ SIZE = ["scene.camera.width=24", "scene.camera.height=14"]
 def test_surfaces_are_the_frames_own():
     """Without media, truth and frame are the same image, to the last bit."""
     scene, settings, _ = load("vacuum", overrides=SIZE)
-    frame, truth = run_frame(scene, settings), render_truth(scene, settings)
-    np.testing.assert_array_equal(truth.radiance, np.broadcast_to(frame["apply/radiance"], truth.radiance.shape))
-    assert truth.converged.all()
+    for shadows in ("off", "exact"):
+        how = replace(settings, shadows=shadows)
+        frame, truth = run_frame(scene, how), render_truth(scene, how)
+        np.testing.assert_array_equal(truth.radiance, np.broadcast_to(frame["apply/radiance"], truth.radiance.shape))
+        assert truth.converged.all()
+
+
+def test_the_truths_shadows_are_the_scenes():
+    """By default as the frame has them; what casts none casts none here."""
+    scene, settings, _ = load("two-volumes", overrides=SIZE)
+    ball = Box(transform=Transform(translate=(0, 2, -4), scale=(0.7, 0.1, 0.7)))
+    scene = dataclasses.replace(scene, surfaces=(*scene.surfaces, ball))
+    off, exact, default = (render_truth(scene, settings, shadows=kind).radiance for kind in ("off", "exact", None))
+    assert np.array_equal(default, exact)
+    assert not np.array_equal(off, exact)
+    assert np.array_equal(render_truth(scene, replace(settings, shadows="off")).radiance, off)
+    for changes in ({"surfaces": tuple(dataclasses.replace(s, casts_shadows=False) for s in scene.surfaces)},
+                    {"lights": tuple(dataclasses.replace(light, casts_shadows=False) for light in scene.lights)}):
+        free = render_truth(dataclasses.replace(scene, **changes), settings)
+        np.testing.assert_allclose(free.radiance, off, rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["uniform", "lights", "two-volumes", "thesis-hall"])
@@ -71,11 +88,11 @@ def test_shadows_fall_on_surfaces():
     scene = Scene(camera=Camera(position=(0, 2, 6), target=(0, 0, 0), width=8, height=8, vertical_fov=20),
                   lights=(sun,), surfaces=(Plane(albedo=(1, 1, 1)),
                                            Box(transform=Transform(translate=(0, 9, 0), scale=(0.1, 0.1, 9)))))
-    lit, dark = render_truth(scene), render_truth(scene, shadows="exact")
+    lit, dark = (render_truth(scene, shadows=kind) for kind in ("off", "exact"))
     np.testing.assert_allclose(lit.radiance, 1.0, rtol=1e-15)
     assert set(np.unique(dark.radiance.round(12))) == {0.0, 1.0}
     fog = dataclasses.replace(scene, global_media=(Medium(albedo=(0, 0, 0), extinction=(0.1, 0.2, 0.4)),))
-    dim = render_truth(fog, volumetric_shadows=True, sun_distance=5.0)
+    dim = render_truth(fog, shadows="off", volumetric_shadows=True, sun_distance=5.0)
     np.testing.assert_allclose(dim.radiance / dim.fog_transmittance,
                                np.exp([-0.5, -1.0, -2.0])[:, None, None] * np.ones((3, 8, 8)), rtol=1e-12)
 
