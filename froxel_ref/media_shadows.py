@@ -4,7 +4,7 @@ A ray and its ways to a light lie in one plane, the *sheet*. A medium cuts a pol
 the planes of its height fog are lines in it, and so is the end of the ways to a sun. The optical depth
 towards the light is smooth along the ray but where a way meets a corner of that drawing, or touches the
 ellipse. All corners are found in closed form. A texture has too many of them; its shadow is cut into pieces
-of a few cells, of which a rule of 15 points sees every one.
+of two cells, of which a rule of 15 points sees every one.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ __all__ = ["shadow_cuts"]
 Array: TypeAlias = NDArray[np.floating[Any]]
 Mask: TypeAlias = NDArray[np.bool_]
 
-# Cells of a texture in a piece of its shadow. The nodes of a rule of 15 points are at most 0.104 of an
-# interval apart, so that none falls between the two cells that a single texel reaches into.
-CELLS = 8.0
+# Cells of a texture in a piece of its shadow. A single texel reaches into two on each axis, so that it is met by
+# as many nodes as a rule needs to tell that it is rough; larger pieces are bisected to about these anyway.
+CELLS = 2.0
 PLACES = 33     # where along a shadow it is measured how fast the ways sweep over cells
 SLACK = 1e-12   # of the coordinates, when corners are told from points outside
 
@@ -265,7 +265,7 @@ def _dot(a: Array, b: Array) -> Array:
 
 def _texture_cuts(placed: Placed, light: Light, lines: Lines, cuts: Sequence[Array], lamp: Lamp | None,
                   sun_distance: float, time: float) -> list[Array]:
-    """Pieces of a textured medium's shadow in which the ways sweep over at most 8 cells."""
+    """Pieces of a textured medium's shadow in which the ways sweep over at most 2 cells."""
     low, high = _shadow(placed, light, lines, cuts, sun_distance)
     if lamp is not None and lamp.light.falloff == "windowed":
         reach = np.sqrt(np.maximum(lamp.light.radius ** 2 - lamp.across2, 0.0))
@@ -322,7 +322,7 @@ def _sweep(placed: Placed, light: Light, lines: Lines, t: Array, sun_distance: f
 
 
 def _evenly(swept: Array, t: Array) -> Array:
-    """Where to cut lines so that every piece sweeps over at most 8 cells; NaN where there is no need."""
+    """Where to cut lines so that every piece sweeps over at most 2 cells; NaN where there is no need."""
     pieces = np.maximum(np.ceil(swept[:, -1] / CELLS), 1.0)
     number = np.arange(1.0, pieces.max(initial=1.0))
     wanted = swept[:, -1:] * (number / pieces[:, np.newaxis])

@@ -122,7 +122,7 @@ def test_what_casts_no_shadow_makes_no_cuts():
 
 @pytest.mark.parametrize("light", LIGHTS)
 def test_pieces_of_a_textured_shadow_sweep_over_few_cells(light):
-    """Between neighbouring cuts the way's points in the medium move by at most 8 texels, across the way."""
+    """Between neighbouring cuts the way's points in the medium move by at most 2 texels, across the way."""
     record = DensityTexture(source=NoiseDensity(size=64))
     cloud = place(LocalMedium(transform=POSE, density=record), np.ones((64, 64, 64)))
     rays, source = lines(7, 30), LIGHTS[light]
