@@ -191,7 +191,8 @@ def _add(light: Field, number: int, source: Light, chosen: Integers | None, tile
         part = some if chosen is None else chosen[some]
         nx, ny, nz = tiles.normal[:, part]
         x, y, z = tiles.points[:, part]
-        towards, factor = light_at(source, (x, y, z), attenuation=attenuation)
+        with np.errstate(over="ignore"):  # a floor near the horizon lies farther than its square can tell: 0
+            towards, factor = light_at(source, (x, y, z), attenuation=attenuation)
         arriving = factor * np.maximum(dot((nx, ny, nz), towards), 0.0)
         if number in hidden:
             arriving = seen(arriving, hidden[number], (x, y, z), (nx, ny, nz))

@@ -546,6 +546,21 @@ def test_a_light_shades_only_the_tiles_that_it_can_reach(monkeypatch: pytest.Mon
     assert not np.array_equal(surface.shade(hits, rays, scene), light)
 
 
+@pytest.mark.parametrize("falloff", ["windowed", "inverse_square"])
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_a_floor_at_the_horizon_is_dark(falloff: str, precision: str) -> None:
+    """Its distance, 1e38 m, has no square in float32."""
+    camera = Camera(position=(0.0, 0.0, 0.0), target=(0.0, -2e-38, 1.0), width=1, height=3, vertical_fov=3.0)
+    light = PointLight(position=(0.0, 0.0, 1.0), intensity=WHITE, falloff=falloff)
+    scene = Scene(camera=camera, surfaces=(Plane(point=(0.0, -2.0, 0.0)),), lights=(light,))
+    rays = camera_rays(camera, 1, 3, dtype=precision)
+    hits = surface.find_surfaces(scene.surfaces, rays, None)
+    assert 1e37 < hits.depth[1, 0] < np.inf
+    for restrict in (True, False):
+        dark = surface.shade(hits, rays, scene, restrict=restrict)[:, 1, 0]
+        assert float(dark.max()) < 1e-70
+
+
 # --- lights along rays ------------------------------------------------------------------------------
 
 
