@@ -352,7 +352,7 @@ def _facts(frame: Frame) -> dict[str, Any]:
     """The plan and what came of it, as plain values."""
     from froxel_ref.golden import gpu_array
     from froxel_ref.pictures import varying
-    from froxel_ref.stages import QUANTITIES
+    from froxel_ref.quantities import QUANTITIES
 
     stages: list[dict[str, Any]] = []
     for planned in frame.plan.stages:

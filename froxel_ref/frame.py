@@ -17,12 +17,15 @@ import numpy as np
 from froxel_ref.arrays import Field
 from froxel_ref.assets import Assets, load_assets
 from froxel_ref.culling import list_shapes
+from froxel_ref.forcing import forced
+from froxel_ref.jobs import Job, Part, Stage
 from froxel_ref.lights import with_intensities
+from froxel_ref.quantities import FINAL, QUANTITIES, Quantity
 from froxel_ref.records import InputError, suggest
 from froxel_ref.scene import Folds, HeightField, PointLight, Scene
 from froxel_ref.settings import Settings
 from froxel_ref.shadow_stage import map_bytes
-from froxel_ref.stages import FINAL, QUANTITIES, STAGES, Job, Part, Quantity, Stage, forced
+from froxel_ref.stages import STAGES
 
 __all__ = [
     "FINAL", "QUANTITIES", "Frame", "Plan", "Planned", "Quantity", "estimate_bytes", "plan", "run_frame",

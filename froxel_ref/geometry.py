@@ -17,7 +17,7 @@ from froxel_ref.arrays import Field, Points
 from froxel_ref.scene import Camera
 
 __all__ = [
-    "Rays", "camera_rays", "clip_from_view", "crop_rays", "cross", "dot", "normalize", "ray_bounds",
+    "Lines", "Rays", "camera_rays", "clip_from_view", "crop_rays", "cross", "dot", "normalize", "ray_bounds",
     "ray_points", "transform_points", "view_from_world", "world_from_view",
 ]
 
@@ -40,6 +40,23 @@ class Rays(NamedTuple):
     origin: tuple[float, float, float]
     per_depth: Points
     length: Field
+
+
+class Lines(NamedTuple):
+    """Stretches of straight lines.
+
+    Attributes
+    ----------
+    origin, direction : ndarray, shape (3, n)
+        Where t = 0 is [m], and world metres per unit of t; of length 1 wherever t is in metres.
+    start, stop : ndarray, shape (n,)
+        The stretch in t; stop may be infinite.
+    """
+
+    origin: Field
+    direction: Field
+    start: Field
+    stop: Field
 
 
 # --- matrices ---------------------------------------------------------------------------------------

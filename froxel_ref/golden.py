@@ -24,10 +24,11 @@ from froxel_ref.arrays import Field
 from froxel_ref.assets import checksums
 from froxel_ref.image_files import write_png
 from froxel_ref.output import check_folder, check_space, read_manifest, whole_folder
+from froxel_ref.quantities import QUANTITIES, Quantity
 from froxel_ref.scene import Camera
 from froxel_ref.scene_files import Loaded, document
 from froxel_ref.settings import SWITCHES, Grid
-from froxel_ref.stages import QUANTITIES, STAGES, Quantity
+from froxel_ref.stages import STAGES
 
 if TYPE_CHECKING:
     from froxel_ref.frame import Frame
@@ -104,7 +105,7 @@ def gpu_array(array: Field, quantity: Quantity, camera: Camera, grid: Grid) -> t
     Examples
     --------
     >>> from froxel_ref.scene import Camera; from froxel_ref.settings import Grid
-    >>> from froxel_ref.stages import QUANTITIES
+    >>> from froxel_ref.quantities import QUANTITIES
     >>> view, axes = gpu_array(np.ones((3, 1, 1, 1)), QUANTITIES["media/scattering"], Camera(), Grid())
     >>> view.shape, axes
     ((64, 90, 160, 3), 'zyxc')

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from froxel_ref.density import Placed
-from froxel_ref.geometry import transform_points
+from froxel_ref.geometry import Lines, transform_points
 from froxel_ref.scene import LocalMedium, Medium
 from froxel_ref.texture_depth import Cells, cell_column, make_cells
 
@@ -26,23 +26,6 @@ Array: TypeAlias = NDArray[np.floating[Any]]
 Rows: TypeAlias = NDArray[np.integer[Any]] | slice
 
 ALL = slice(None)
-
-
-class Lines(NamedTuple):
-    """Stretches of straight lines.
-
-    Attributes
-    ----------
-    origin, direction : ndarray, shape (3, n)
-        Where t = 0 is [m], and world metres per unit of t; of length 1 wherever t is in metres.
-    start, stop : ndarray, shape (n,)
-        The stretch in t; stop may be infinite.
-    """
-
-    origin: Array
-    direction: Array
-    start: Array
-    stop: Array
 
 
 class MediumPath(NamedTuple):

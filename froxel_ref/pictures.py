@@ -16,7 +16,7 @@ from froxel_ref.arrays import Field
 from froxel_ref.culling import lights_per_tile
 from froxel_ref.display import Bytes, Display, display_for, to_srgb8
 from froxel_ref.panels import AMBER, FAINT, INK, PAPER, View, canvas, write
-from froxel_ref.stages import QUANTITIES, Quantity
+from froxel_ref.quantities import QUANTITIES, Quantity
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -56,7 +56,7 @@ def full_axes(array: Field, quantity: Quantity) -> str:
 
     Examples
     --------
-    >>> from froxel_ref.stages import QUANTITIES
+    >>> from froxel_ref.quantities import QUANTITIES
     >>> full_axes(np.ones((3, 1, 1, 1)), QUANTITIES["media/extinction"])
     'czyx'
     """
@@ -80,7 +80,7 @@ def varying(array: Field, quantity: Quantity) -> str:
 
     Examples
     --------
-    >>> from froxel_ref.stages import QUANTITIES
+    >>> from froxel_ref.quantities import QUANTITIES
     >>> varying(np.zeros((3, 1, 90, 1)), QUANTITIES["media/scattering"])
     'y'
     """
@@ -105,7 +105,7 @@ def channel_first(array: Field, quantity: Quantity) -> Field:
 
     Examples
     --------
-    >>> from froxel_ref.stages import QUANTITIES
+    >>> from froxel_ref.quantities import QUANTITIES
     >>> channel_first(np.zeros((4, 1, 1)), QUANTITIES["integrate/transmittance"]).shape
     (1, 4, 1, 1)
     """

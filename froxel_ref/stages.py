@@ -6,171 +6,25 @@ A stage here only binds named arrays to the plain functions of its module.
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from typing import TypeVar
-
 import numpy as np
 
 from froxel_ref import apply, culling, grid, integrate, lighting, media, shadow_stage, surface
 from froxel_ref.arrays import Candidates, Field, Points, Visibility
-from froxel_ref.assets import Assets
 from froxel_ref.buffers import Integrated, VBuffer
-from froxel_ref.geometry import Rays, camera_rays
-from froxel_ref.grid import Froxels, make_froxels
+from froxel_ref.jobs import Job, Need, Part, Results, Stage
+from froxel_ref.quantities import FINAL
 from froxel_ref.scene import (
     BLACK,
-    DensityTexture,
     DirectionalLight,
-    ExtraLights,
-    HeightFog,
     LocalMedium,
     Medium,
     PointLight,
     Scene,
-    Sphere,
-    Transform,
-    VolumeDensity,
 )
-from froxel_ref.settings import Settings, replace
+from froxel_ref.settings import Settings
 from froxel_ref.shadow import shadowed_lights
 
-__all__ = ["FINAL", "QUANTITIES", "STAGES", "Job", "Part", "Quantity", "Stage", "forced"]
-
-FINAL = "apply/radiance"
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """What a result is: its full axes (channel first, as computed), its unit, and a sentence."""
-
-    axes: str
-    unit: str
-    about: str
-    on_grid: bool = False
-
-    @property
-    def gpu_axes(self) -> str:
-        """The axes as exported: channel last."""
-        return self.axes.replace("c", "") + "c" * self.axes.count("c")
-
-
-RADIANCE, PER_METRE = "W m^-2 sr^-1", "W m^-3 sr^-1"
-QUANTITIES: dict[str, Quantity] = {
-    "grid/slice_depth": Quantity("z", "m", "view depth of each slice's far boundary"),
-    "shadow/directional_light": Quantity("m", "1", "index of each directional light that has shadow maps"),
-    "shadow/directional_depth": Quantity("mfpq", "m", "depth of the first surface in each texel of each cascade"),
-    "shadow/directional_matrix": Quantity("mfij", "1", "from the world to texels and depth"),
-    "shadow/directional_exponential": Quantity("mfpq", "1", "the filtered exponential maps of the cascades"),
-    "shadow/spot_light": Quantity("m", "1", "index of each spot light that has a shadow map"),
-    "shadow/spot_depth": Quantity("mfpq", "m", "depth of the first surface in each texel"),
-    "shadow/spot_matrix": Quantity("mfij", "1", "from the world to texels times depth, and depth"),
-    "shadow/spot_exponential": Quantity("mfpq", "1", "the filtered exponential maps"),
-    "shadow/point_light": Quantity("m", "1", "index of each point light that has a shadow map"),
-    "shadow/point_depth": Quantity("mfpq", "m", "depth of the first surface in each texel of each face"),
-    "shadow/point_matrix": Quantity("mfij", "1", "from the world to texels times depth, and depth, of each face"),
-    "shadow/point_exponential": Quantity("mfpq", "1", "the filtered exponential maps of the faces"),
-    "surface/depth": Quantity("yx", "m", "view depth of the nearest surface, infinite where there is none"),
-    "surface/normal": Quantity("cyx", "1", "unit normal of that surface in world space, towards the camera"),
-    "surface/albedo": Quantity("cyx", "1", "Lambert reflectance of that surface"),
-    "surface/radiance": Quantity("cyx", RADIANCE, "radiance that leaves the surface, or the background"),
-    "culling/light_order": Quantity("n", "1", "windowed lights by the view depth of their nearest point"),
-    "culling/light_bins": Quantity("eb", "1", "first and last place in that order that overlaps the depth bin"),
-    "culling/light_tiles": Quantity("wvu", "1", "bit i mod 32 of word i // 32: the i-th light reaches the tile"),
-    "culling/medium_order": Quantity("n", "1", "local media by the view depth of their nearest point"),
-    "culling/medium_bins": Quantity("eb", "1", "first and last place in that order that overlaps the depth bin"),
-    "culling/medium_tiles": Quantity("wvu", "1", "bit i mod 32 of word i // 32: the i-th medium meets the tile"),
-    "media/scattering": Quantity("czyx", "1/m", "scattering coefficient at the froxel's sample"),
-    "media/albedo": Quantity("czyx", "1", "scattering over extinction (switch albedo_at_zero where both are 0)"),
-    "media/extinction": Quantity("zyx", "1/m", "extinction coefficient at the froxel's sample"),
-    "media/emission": Quantity("czyx", PER_METRE, "emission at the froxel's sample"),
-    "media/phase_anisotropy": Quantity("zyx", "1", "phase anisotropy g at the froxel's sample"),
-    "media/lobe_scattering": Quantity("lczyx", "1/m", "scattering coefficient of each lobe of a mixture"),
-    "media/lobe_anisotropy": Quantity("l", "1", "phase anisotropy g of each lobe of a mixture"),
-    "lighting/in_scattering": Quantity("czyx", PER_METRE, "radiance scattered towards the camera per metre"),
-    "integrate/radiance": Quantity("czyx", RADIANCE, "fog's radiance up to the slice's far boundary"),
-    "integrate/transmittance": Quantity("zyx", "1", "transmittance up to the slice's far boundary"),
-    "integrate/front_radiance": Quantity("cyx", RADIANCE, "fog's radiance up to the near boundary", True),
-    "integrate/front_transmittance": Quantity("yx", "1", "transmittance up to the near boundary", True),
-    "apply/fog_radiance": Quantity("cyx", RADIANCE, "fog's radiance in front of each pixel's surface"),
-    "apply/fog_transmittance": Quantity("yx", "1", "transmittance in front of each pixel's surface"),
-    FINAL: Quantity("cyx", RADIANCE, "the final image: surface times transmittance, plus fog"),
-}
-
-
-@dataclass(frozen=True)
-class Job:
-    """What every stage may look at: the scene, the settings, the files' arrays, and how to run.
-
-    ``full`` forces every part with fields that carry all their axes; ``asked`` names the results to keep,
-    for a stage that has some which no other stage reads.
-    """
-
-    scene: Scene
-    settings: Settings
-    assets: Assets
-    threads: int | None = None
-    full: bool = False
-    asked: frozenset[str] = frozenset()
-
-    @property
-    def dtype(self) -> np.dtype[np.floating]:
-        """Type of the arithmetic."""
-        return np.dtype(self.settings.precision)
-
-    @cached_property
-    def froxels(self) -> Froxels:
-        """The froxel grid of this camera."""
-        froxels = make_froxels(self.scene.camera, self.settings.grid, dtype=self.dtype)
-        return froxels._replace(rays=_whole(froxels.rays)) if self.full else froxels
-
-    @cached_property
-    def image_rays(self) -> Rays:
-        """The rays through the image's pixel centres."""
-        camera = self.scene.camera
-        rays = camera_rays(camera, camera.width, camera.height, dtype=self.dtype)
-        return _whole(rays) if self.full else rays
-
-
-@dataclass(frozen=True)
-class Part:
-    """A piece of a stage that a scene may not need."""
-
-    name: str
-    runs: bool
-    why: str
-
-
-AnyMedium = TypeVar("AnyMedium", bound=Medium)
-Results = Mapping[str, Field]
-Need = tuple[bool, str]
-
-
-@dataclass(frozen=True)
-class Stage:
-    """One stage: its data flow, when it is needed, what stands for it when not, and how it runs.
-
-    ``keys`` says what groups of its results depend on: of an earlier frame with an equal key they are handed to
-    ``run`` among what it reads, and it hands them on.
-    """
-
-    name: str
-    about: str
-    reads: tuple[str, ...]
-    writes: tuple[str, ...]
-    needed: Callable[[Scene, Settings], Need]
-    neutral: Callable[[Job], dict[str, Field]]
-    run: Callable[[Job, Results], dict[str, Field]]
-    parts: Callable[[Scene, Settings], tuple[Part, ...]] = lambda scene, settings: ()
-    keys: Callable[[Job], Mapping[tuple[str, ...], Hashable]] = lambda job: {}
-
-
-def _whole(rays: Rays) -> Rays:
-    shape = rays.length.shape
-    x, y, z = (np.ascontiguousarray(np.broadcast_to(component, shape)) for component in rays.per_depth)
-    return rays._replace(per_depth=(x, y, z))
+__all__ = ["STAGES"]
 
 
 def _constant(job: Job, axes: str, value: float | tuple[float, float, float]) -> Field:
@@ -536,60 +390,3 @@ STAGES: tuple[Stage, ...] = (
           ("apply/fog_radiance", "apply/fog_transmittance", FINAL), _always, lambda job: {}, _run_apply,
           _apply_parts),
 )
-
-
-# --- everything forced on ---------------------------------------------------------------------------
-
-# A texture of ones, so that fetching it changes nothing. No scene can name it: an empty path is no file.
-_ONES = VolumeDensity(path="")
-
-
-def forced(job: Job) -> Job:
-    """The same job with every part of every stage switched on at its neutral value.
-
-    Parameters
-    ----------
-    job : Job
-
-    Returns
-    -------
-    Job
-        Media without height fog get a falloff of 0, media without a texture one of ones. The scene gets an
-        empty local medium and an empty unbounded one if it has none, a black sun, a black lamp, and a
-        sphere behind the camera if it has no surface. Each is an exact 0 or 1 in the arithmetic, so the
-        frame must come out the same bit for bit.
-
-    Notes
-    -----
-    Two departures have no neutral value, and what they concern is then not added: the plain mean of g (D12)
-    counts media that are not there, and 0/0 (D1) is not the albedo of no medium.
-    """
-    scene, settings = job.scene, job.settings
-    far_away = LocalMedium(extinction=0.0, transform=Transform(translate=(1e6, 1e6, 1e6)))
-    local = scene.local_media or (far_away,)
-    everywhere = scene.global_media or (Medium(extinction=0.0),)
-    if settings.phase_mixing == "mean":
-        everywhere, local = scene.global_media, scene.local_media
-    if not _media(scene) and settings.albedo_at_zero == "divide":
-        settings = replace(settings, albedo_at_zero="zero")
-    lights = (*scene.all_lights, DirectionalLight(direction=(0.0, 1.0, 0.0), irradiance=BLACK),
-              PointLight(position=scene.camera.target, intensity=BLACK, casts_shadows=False))
-    surfaces = scene.surfaces if scene.surfaces or scene.image_buffers else (_behind(scene),)
-    scene = dataclasses.replace(
-        scene, lights=lights, extra_lights=ExtraLights(), surfaces=surfaces,
-        local_media=tuple(map(_with_all_parts, local)), global_media=tuple(map(_with_all_parts, everywhere)))
-    textures = dict(job.assets.textures) | {_ONES: np.ones((2, 2, 2))}
-    return dataclasses.replace(job, scene=scene, settings=settings,
-                               assets=job.assets._replace(textures=textures))
-
-
-def _behind(scene: Scene) -> Sphere:
-    """A sphere that no ray meets and that hides no light."""
-    forward = np.subtract(scene.camera.target, scene.camera.position)
-    x, y, z = (scene.camera.position - 4.0 * forward).tolist()
-    return Sphere(center=(x, y, z), radius=float(np.linalg.norm(forward)), casts_shadows=False)
-
-
-def _with_all_parts(medium: AnyMedium) -> AnyMedium:
-    return dataclasses.replace(medium, height_fog=medium.height_fog or HeightFog(falloff=0.0),
-                               density=medium.density or DensityTexture(source=_ONES))

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from froxel_ref.arrays import Points, Visibility
 from froxel_ref.compensated import DoubleDouble, cross, dot, double_double, where
-from froxel_ref.geometry import Rays
+from froxel_ref.geometry import Lines, Rays
 from froxel_ref.lights import unit
-from froxel_ref.optical_depth import Lines
 from froxel_ref.scene import Box, DirectionalLight, HeightField, Light, Plane, Sphere, Surface
 from froxel_ref.triangles import hit_mesh, mesh_caster, walk_height_field
 

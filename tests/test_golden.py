@@ -20,6 +20,7 @@ from froxel_ref.assets import load_assets
 from froxel_ref.cli import main
 from froxel_ref.frame import Frame, run_frame
 from froxel_ref.golden import MANIFEST, GoldenSet, check_target, golden_bytes, gpu_array, write_golden
+from froxel_ref.quantities import QUANTITIES
 from froxel_ref.records import InputError
 from froxel_ref.scene import (
     Camera,
@@ -33,7 +34,6 @@ from froxel_ref.scene import (
 )
 from froxel_ref.scene_files import Loaded, document
 from froxel_ref.settings import Grid, Settings, ShadowMaps, Switches, replace
-from froxel_ref.stages import QUANTITIES
 
 SCENE = Scene(
     name="small", camera=Camera(position=(0.0, 1.0, 0.0), target=(0.1, 1.0, -1.0), width=12, height=10),

@@ -23,9 +23,9 @@ from froxel_ref.display import (
 )
 from froxel_ref.frame import run_frame
 from froxel_ref.pictures import View, channel_first, contact_sheet, final_image, preview, varying
+from froxel_ref.quantities import QUANTITIES, Quantity
 from froxel_ref.scene import Camera, DirectionalLight, Medium, Scene, Sphere
 from froxel_ref.settings import Grid, Settings
-from froxel_ref.stages import QUANTITIES, Quantity
 
 CAMERA = Camera(width=32, height=18)
 GRID = Grid(width=8, height=6, depth=10)

@@ -1,0 +1,90 @@
+"""What a stage is, and what it is given to work on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from froxel_ref.arrays import Field
+from froxel_ref.assets import Assets
+from froxel_ref.geometry import Rays, camera_rays
+from froxel_ref.grid import Froxels, make_froxels
+from froxel_ref.scene import Scene
+from froxel_ref.settings import Settings
+
+__all__ = ["Job", "Need", "Part", "Results", "Stage"]
+
+
+@dataclass(frozen=True)
+class Job:
+    """What every stage may look at: the scene, the settings, the files' arrays, and how to run.
+
+    ``full`` forces every part with fields that carry all their axes; ``asked`` names the results to keep,
+    for a stage that has some which no other stage reads.
+    """
+
+    scene: Scene
+    settings: Settings
+    assets: Assets
+    threads: int | None = None
+    full: bool = False
+    asked: frozenset[str] = frozenset()
+
+    @property
+    def dtype(self) -> np.dtype[np.floating]:
+        """Type of the arithmetic."""
+        return np.dtype(self.settings.precision)
+
+    @cached_property
+    def froxels(self) -> Froxels:
+        """The froxel grid of this camera."""
+        froxels = make_froxels(self.scene.camera, self.settings.grid, dtype=self.dtype)
+        return froxels._replace(rays=_whole(froxels.rays)) if self.full else froxels
+
+    @cached_property
+    def image_rays(self) -> Rays:
+        """The rays through the image's pixel centres."""
+        camera = self.scene.camera
+        rays = camera_rays(camera, camera.width, camera.height, dtype=self.dtype)
+        return _whole(rays) if self.full else rays
+
+
+@dataclass(frozen=True)
+class Part:
+    """A piece of a stage that a scene may not need."""
+
+    name: str
+    runs: bool
+    why: str
+
+
+Results = Mapping[str, Field]
+Need = tuple[bool, str]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage: its data flow, when it is needed, what stands for it when not, and how it runs.
+
+    ``keys`` says what groups of its results depend on: of an earlier frame with an equal key they are handed to
+    ``run`` among what it reads, and it hands them on.
+    """
+
+    name: str
+    about: str
+    reads: tuple[str, ...]
+    writes: tuple[str, ...]
+    needed: Callable[[Scene, Settings], Need]
+    neutral: Callable[[Job], dict[str, Field]]
+    run: Callable[[Job, Results], dict[str, Field]]
+    parts: Callable[[Scene, Settings], tuple[Part, ...]] = lambda scene, settings: ()
+    keys: Callable[[Job], Mapping[tuple[str, ...], Hashable]] = lambda job: {}
+
+
+def _whole(rays: Rays) -> Rays:
+    shape = rays.length.shape
+    x, y, z = (np.ascontiguousarray(np.broadcast_to(component, shape)) for component in rays.per_depth)
+    return rays._replace(per_depth=(x, y, z))

@@ -1,0 +1,67 @@
+"""Every result of a frame by name: its axes, its unit, and a sentence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["FINAL", "QUANTITIES", "Quantity"]
+
+FINAL = "apply/radiance"
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a result is: its full axes (channel first, as computed), its unit, and a sentence."""
+
+    axes: str
+    unit: str
+    about: str
+    on_grid: bool = False
+
+    @property
+    def gpu_axes(self) -> str:
+        """The axes as exported: channel last."""
+        return self.axes.replace("c", "") + "c" * self.axes.count("c")
+
+
+RADIANCE, PER_METRE = "W m^-2 sr^-1", "W m^-3 sr^-1"
+QUANTITIES: dict[str, Quantity] = {
+    "grid/slice_depth": Quantity("z", "m", "view depth of each slice's far boundary"),
+    "shadow/directional_light": Quantity("m", "1", "index of each directional light that has shadow maps"),
+    "shadow/directional_depth": Quantity("mfpq", "m", "depth of the first surface in each texel of each cascade"),
+    "shadow/directional_matrix": Quantity("mfij", "1", "from the world to texels and depth"),
+    "shadow/directional_exponential": Quantity("mfpq", "1", "the filtered exponential maps of the cascades"),
+    "shadow/spot_light": Quantity("m", "1", "index of each spot light that has a shadow map"),
+    "shadow/spot_depth": Quantity("mfpq", "m", "depth of the first surface in each texel"),
+    "shadow/spot_matrix": Quantity("mfij", "1", "from the world to texels times depth, and depth"),
+    "shadow/spot_exponential": Quantity("mfpq", "1", "the filtered exponential maps"),
+    "shadow/point_light": Quantity("m", "1", "index of each point light that has a shadow map"),
+    "shadow/point_depth": Quantity("mfpq", "m", "depth of the first surface in each texel of each face"),
+    "shadow/point_matrix": Quantity("mfij", "1", "from the world to texels times depth, and depth, of each face"),
+    "shadow/point_exponential": Quantity("mfpq", "1", "the filtered exponential maps of the faces"),
+    "surface/depth": Quantity("yx", "m", "view depth of the nearest surface, infinite where there is none"),
+    "surface/normal": Quantity("cyx", "1", "unit normal of that surface in world space, towards the camera"),
+    "surface/albedo": Quantity("cyx", "1", "Lambert reflectance of that surface"),
+    "surface/radiance": Quantity("cyx", RADIANCE, "radiance that leaves the surface, or the background"),
+    "culling/light_order": Quantity("n", "1", "windowed lights by the view depth of their nearest point"),
+    "culling/light_bins": Quantity("eb", "1", "first and last place in that order that overlaps the depth bin"),
+    "culling/light_tiles": Quantity("wvu", "1", "bit i mod 32 of word i // 32: the i-th light reaches the tile"),
+    "culling/medium_order": Quantity("n", "1", "local media by the view depth of their nearest point"),
+    "culling/medium_bins": Quantity("eb", "1", "first and last place in that order that overlaps the depth bin"),
+    "culling/medium_tiles": Quantity("wvu", "1", "bit i mod 32 of word i // 32: the i-th medium meets the tile"),
+    "media/scattering": Quantity("czyx", "1/m", "scattering coefficient at the froxel's sample"),
+    "media/albedo": Quantity("czyx", "1", "scattering over extinction (switch albedo_at_zero where both are 0)"),
+    "media/extinction": Quantity("zyx", "1/m", "extinction coefficient at the froxel's sample"),
+    "media/emission": Quantity("czyx", PER_METRE, "emission at the froxel's sample"),
+    "media/phase_anisotropy": Quantity("zyx", "1", "phase anisotropy g at the froxel's sample"),
+    "media/lobe_scattering": Quantity("lczyx", "1/m", "scattering coefficient of each lobe of a mixture"),
+    "media/lobe_anisotropy": Quantity("l", "1", "phase anisotropy g of each lobe of a mixture"),
+    "lighting/in_scattering": Quantity("czyx", PER_METRE, "radiance scattered towards the camera per metre"),
+    "integrate/radiance": Quantity("czyx", RADIANCE, "fog's radiance up to the slice's far boundary"),
+    "integrate/transmittance": Quantity("zyx", "1", "transmittance up to the slice's far boundary"),
+    "integrate/front_radiance": Quantity("cyx", RADIANCE, "fog's radiance up to the near boundary", True),
+    "integrate/front_transmittance": Quantity("yx", "1", "transmittance up to the near boundary", True),
+    "apply/fog_radiance": Quantity("cyx", RADIANCE, "fog's radiance in front of each pixel's surface"),
+    "apply/fog_transmittance": Quantity("yx", "1", "transmittance in front of each pixel's surface"),
+    FINAL: Quantity("cyx", RADIANCE, "the final image: surface times transmittance, plus fog"),
+}
