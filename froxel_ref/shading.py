@@ -27,8 +27,8 @@ Integers = NDArray[np.intp]
 
 # Pixels in a block: each light costs some 50 calls in each block, whatever it reaches.
 BLOCK = 262144
-# Pixels along the edge of a tile, and tiles in a run whose common box is tried first.
-TILE, RUN = 8, 16
+# Pixels along the edge of a tile, and tiles along the edge of a square whose common box is tried first.
+TILE, SQUARE = 8, 4
 # Tiles that are worked on at a time: a dozen arrays of their pixels stay in the cache.
 FEW = 512
 # Share of the tiles from which on all are taken as they are: picking tiles out costs as much as a few passes.
@@ -38,8 +38,12 @@ ROUNDINGS = 64.0
 
 
 class _Tiles(NamedTuple):
-    """A block's pixels by tile: points and normals of shape (tiles, pixels), and each tile's box (3, tiles)."""
+    """A block's pixels by tile: points and normals of shape (3, tiles, pixels), and each tile's box (3, tiles).
 
+    ``wide`` is the number of tiles in a row of them.
+    """
+
+    wide: int
     points: Field
     normal: Field
     low: Field
@@ -124,7 +128,7 @@ def _cut(points: Points, normal: Field, empty: NDArray[np.bool_]) -> _Tiles:
     nothing = _by_tile(empty)
     low = np.where(nothing, np.inf, places).min(axis=2)
     high = np.where(nothing, -np.inf, places).max(axis=2)
-    return _Tiles(places, np.stack([_by_tile(c) for c in normal]), low, high)
+    return _Tiles(-(-shape[1] // TILE), places, np.stack([_by_tile(c) for c in normal]), low, high)
 
 
 def _by_tile(image: NDArray[Any]) -> NDArray[Any]:
@@ -154,21 +158,31 @@ def _reached(lights: Sequence[Light], rays: Rays, tiles: _Tiles) -> list[Integer
     radii = np.array([light.radius for light in bounded.values()])
     extent = np.abs(centers).max(axis=1) + np.abs(rays.origin).max() + radii
     radii = radii + ROUNDINGS * float(np.finfo(tiles.points.dtype).eps) * extent
-    count = tiles.low.shape[1]
-    starts = np.arange(0, count, RUN)
-    low, high = np.minimum.reduceat(tiles.low, starts, axis=1), np.maximum.reduceat(tiles.high, starts, axis=1)
-    light, group = np.nonzero(_meets(centers[:, np.newaxis], radii[:, np.newaxis], low, high))
-    # Every tile of the runs that are met.
-    tile = (group[:, np.newaxis] * RUN + np.arange(RUN)).ravel()
-    light = np.repeat(light, RUN)[tile < count]
-    tile = tile[tile < count]
+    light, tile = _near(centers, radii, tiles)
     met = _meets(centers[light], radii[light], tiles.low[:, tile], tiles.high[:, tile])
     light, tile = light[met], tile[met]
     ends = np.searchsorted(light, np.arange(len(bounded) + 1))
     for place, i in enumerate(bounded):
         chosen = tile[ends[place]:ends[place + 1]]
-        result[i] = None if len(chosen) > MOST * count else chosen
+        result[i] = None if len(chosen) > MOST * tiles.low.shape[1] else chosen
     return result
+
+
+def _near(centers: Field, radii: Field, tiles: _Tiles) -> tuple[Integers, Integers]:
+    """Pairs of a light and a tile, light by light: every tile of the squares whose common box is met."""
+    tall, wide = tiles.low.shape[1] // tiles.wide, tiles.wide
+    low, high = (part.reduceat(part.reduceat(box.reshape(3, tall, wide), np.arange(0, tall, SQUARE), axis=1),
+                               np.arange(0, wide, SQUARE), axis=2)
+                 for part, box in ((np.minimum, tiles.low), (np.maximum, tiles.high)))
+    light, square = np.nonzero(_meets(centers[:, np.newaxis], radii[:, np.newaxis],
+                                      low.reshape(3, -1), high.reshape(3, -1)))
+    row, column = np.divmod(square, low.shape[2])
+    step = np.arange(SQUARE)
+    shape = len(square), SQUARE, SQUARE
+    row = np.broadcast_to((row[:, np.newaxis] * SQUARE + step)[:, :, np.newaxis], shape).ravel()
+    column = np.broadcast_to((column[:, np.newaxis] * SQUARE + step)[:, np.newaxis], shape).ravel()
+    inside = (row < tall) & (column < wide)
+    return np.repeat(light, SQUARE * SQUARE)[inside], (row * wide + column)[inside]
 
 
 def _meets(centers: Field, radii: Field, low: Field, high: Field) -> NDArray[np.bool_]:

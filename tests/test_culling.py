@@ -522,8 +522,8 @@ def test_shading_does_not_depend_on_blocks_and_threads(monkeypatch: pytest.Monke
     rays = camera_rays(scene.camera, 61, 35)
     hits = surface.find_surfaces(scene.surfaces, rays, None)
     want = surface.shade(hits, rays, scene, threads=1, restrict=False)
-    for block, few, run in ((64, 1, 1), (600, 3, 2), (10**6, 512, 16)):
-        for name, value in (("BLOCK", block), ("FEW", few), ("RUN", run)):
+    for block, few, square in ((64, 1, 1), (600, 3, 2), (10**6, 512, 5)):
+        for name, value in (("BLOCK", block), ("FEW", few), ("SQUARE", square)):
             monkeypatch.setattr(shading, name, value)
         assert surface.shade(hits, rays, scene, threads=3).tobytes() == want.tobytes()
 
