@@ -188,7 +188,7 @@ def golden_bytes(frame: Frame) -> int:
     True
     """
     views = (gpu_array(array, QUANTITIES[name], frame.scene.camera, frame.settings.grid)[0]
-             for name, array in frame.results.items())
+             for name, array in frame.results.items() if array.size)
     return sum(view.size * view.itemsize + PICTURE_BYTES + min(VALUE_BYTES * view.size, MOST_PICTURE_BYTES)
                for view in views)
 

@@ -386,18 +386,21 @@ def seen(factor: Field, sight: Sight, points: Points, normal: Points | None = No
     Examples
     --------
     >>> x = np.arange(4.0)
-    >>> seen(np.array([0.0, 0.0, 0.0, 2.0]), lambda points, normal: 0.1 * points[0], (x, x, x)).round(3).tolist()
+    >>> seen(np.array([0.0, 0.0, 0.0, 2.0]), lambda points: 0.1 * points[0], (x, x, x)).round(3).tolist()
     [0.0, 0.0, 0.0, 0.6]
     """
     lit = factor > 0.0
     count = int(np.count_nonzero(lit))
     if count > SPARSE * lit.size:
-        return np.asarray(factor * sight(points, normal))
+        return np.asarray(factor * (sight(points) if normal is None else sight(points, normal)))
     result = factor.copy()
     if count:
         x, y, z = (np.broadcast_to(p, lit.shape)[lit] for p in points)
-        turned = None if normal is None else tuple(np.broadcast_to(n, lit.shape)[lit] for n in normal)
-        result[lit] *= sight((x, y, z), turned)  # type: ignore[arg-type]
+        if normal is None:
+            result[lit] *= sight((x, y, z))
+        else:
+            nx, ny, nz = (np.broadcast_to(n, lit.shape)[lit] for n in normal)
+            result[lit] *= sight((x, y, z), (nx, ny, nz))
     return result
 
 

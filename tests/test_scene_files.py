@@ -24,7 +24,7 @@ from froxel_ref.scene_files import LARGEST, Document, builtin, document, load, s
 from froxel_ref.settings import Settings
 from froxel_ref.strict_json import parse
 
-NAMES = ["lights", "many-lights", "smoke", "thesis-hall", "two-volumes", "uniform", "vacuum"]
+NAMES = ["leak", "lights", "many-lights", "shaft", "smoke", "thesis-hall", "two-volumes", "uniform", "vacuum"]
 SMALL = '{"schema": 1, "scene": {"name": "small"}}'
 
 

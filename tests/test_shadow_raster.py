@@ -247,7 +247,7 @@ def assert_dark_behind(surface, assets, raster, near=1e-6, share=1.0):
     parallel = raster.origin is None
     light = (DirectionalLight(direction=tuple(-raster.direction), irradiance=(1, 1, 1)) if parallel
              else PointLight(position=tuple(raster.origin), intensity=(1, 1, 1)))
-    sees = exact_visibility(occluders([surface], assets), [light])
+    sees = exact_visibility(occluders([surface], assets), [light])[0]
     origins, directions = raster_rays(raster)
     step = near if parallel else near * depth
     hit = np.isfinite(depth) & (parallel | (depth > 0.0))
@@ -255,7 +255,7 @@ def assert_dark_behind(surface, assets, raster, near=1e-6, share=1.0):
     for t in (np.where(hit, finite - step, 1.0), np.where(hit, finite + step, 1.0),
               rng.uniform(-9.0 if parallel else 0.0, 9.0, depth.shape)):
         x, y, z = origins + t * directions
-        seen = sees(0, (x, y, z)) > 0
+        seen = sees((x, y, z)) > 0
         clear = np.abs(t - depth) > 0.5 * np.where(hit, step, 1e-9)
         wrong = clear & (seen != (t <= depth))
         assert wrong.mean() <= 1.0 - share
