@@ -27,6 +27,7 @@ from froxel_ref.culling import (
 from froxel_ref.frame import FINAL, QUANTITIES, estimate_bytes, plan, run_frame
 from froxel_ref.geometry import camera_rays
 from froxel_ref.grid import Froxels, froxel_points, make_froxels
+from froxel_ref.lighting import in_scattering
 from froxel_ref.lights import light_at
 from froxel_ref.records import InputError
 from froxel_ref.scene import (
@@ -44,6 +45,7 @@ from froxel_ref.scene import (
 )
 from froxel_ref.settings import Culling, Grid, Settings, replace
 from tests import reference_culling as reference
+from tests.test_lighting import fog
 
 DOUBLE = np.dtype(np.float64)
 AHEAD = Camera(position=(0.0, 0.0, 0.0), target=(0.0, 0.0, -1.0), width=32, height=16, vertical_fov=90.0)
@@ -566,9 +568,6 @@ def test_a_floor_at_the_horizon_is_dark(falloff: str, precision: str) -> None:
 
 def test_narrow_cones_in_float32_are_not_cut_off() -> None:
     """In float32 a cosine to the axis of a cone of 0.05° rounds to that of 0: the light spills, and is kept."""
-    from froxel_ref.lighting import in_scattering
-    from tests.test_lighting import fog
-
     camera = Camera(position=(0.0, 0.0, 0.0), target=(0.0, 0.0, -1.0), width=64, height=64, vertical_fov=2.0)
     froxels = make_froxels(camera, Grid(width=64, height=64, depth=8, near=5.0, far=20.0), dtype=np.float32)
     spot = SpotLight(position=(0.0, 0.0, -1.0), direction=(0.0, 0.0, -1.0), intensity=WHITE, radius=40.0,
