@@ -11,6 +11,7 @@ slope is that of a line through the logarithms of time and of visited pairs.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -33,14 +34,16 @@ MEDIA = ("media/scattering", "media/extinction", "media/emission", "media/phase_
 class Case:
     """The hall with some lights more, and everything that its stages are given."""
 
-    def __init__(self, extra: int, precision: str) -> None:
+    def __init__(self, extra: int, precision: str, *, alone: bool = False) -> None:
         overrides = [f"extra_lights.count={extra}", f"settings.precision={precision}"]
         self.scene, self.settings, folder = scene_files.load("thesis-hall", overrides=overrides)
+        if alone:
+            self.scene = dataclasses.replace(self.scene, lights=())
         assets, grid, camera = load_assets(self.scene, folder), self.settings.grid, self.scene.camera
         self.lights = {i: light for i, light in enumerate(self.scene.all_lights) if isinstance(light, PointLight)}
         self.froxels: Froxels = make_froxels(camera, grid, dtype=precision)
         self.tiling: Tiling = culling.make_tiling(camera, depth_range=(grid.near, grid.far))
-        self.vbuffer = stages._v_buffer(run_frame(self.scene, self.settings, assets=assets, outputs=MEDIA).results)
+        self.vbuffer = stages.v_buffer(run_frame(self.scene, self.settings, assets=assets, outputs=MEDIA).results)
         self.rays = camera_rays(camera, camera.width, camera.height, dtype=precision)
         self.hits = surface.find_surfaces(self.scene.surfaces, self.rays, assets)
         self.culled = self.cull()
@@ -93,6 +96,7 @@ def show(precision: str, counts: list[int], repeats: int) -> None:
     cases = {extra: Case(extra, precision) for extra in counts}
     runs = {(name, extra): getattr(case, name) for name in ("cull", "light", "shade") for extra, case in cases.items()}
     names = {f"{name} {extra}": run for (name, extra), run in runs.items()}
+    names["light alone"] = Case(max(counts), precision, alone=True).light
     times: dict[str, Timing] = interleaved(names, repeats=repeats)
     pairs = {extra: case.pairs() for extra, case in cases.items()}
     scene: Scene = cases[counts[0]].scene
@@ -121,6 +125,9 @@ def show(precision: str, counts: list[int], repeats: int) -> None:
             fitted = slope([pairs[extra][key] for extra in counts],
                            [times[f"{name} {extra}"].least for extra in counts])
             print(f"slope of log time over log {what} visited: {fitted:.2f}")
+    alone = times["light alone"].least
+    print(f"\n{max(counts)} lights of 4 m by themselves: {1e3 * alone:.1f} ms in-scattering, "
+          f"{alone / times[f'light {counts[0]}'].least:.2f} times the nine of 16 m and the sun")
     print("\n[Dörries 2020, figure 4.2] as a table: lights against time of in-scattering at 160x90x64, milliseconds")
     rows = [(len(cases[extra].lights), f"{1e3 * times[f'light {extra}'].least:.1f}", "with a later version")
             for extra in counts]

@@ -24,7 +24,7 @@ from froxel_ref.scene import (
 from froxel_ref.settings import Settings
 from froxel_ref.shadow import shadowed_lights
 
-__all__ = ["STAGES"]
+__all__ = ["STAGES", "v_buffer"]
 
 
 def _constant(job: Job, axes: str, value: float | tuple[float, float, float]) -> Field:
@@ -260,7 +260,18 @@ def _lighting_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     )
 
 
-def _v_buffer(results: Results) -> VBuffer:
+def v_buffer(results: Results) -> VBuffer:
+    """The V-Buffer from a frame's results by name: what `froxel_ref.lighting.in_scattering` is given.
+
+    Parameters
+    ----------
+    results : mapping of str to Field
+        With all of media but its albedo.
+
+    Returns
+    -------
+    VBuffer
+    """
     lobes = zip(results["media/lobe_scattering"], results["media/lobe_anisotropy"], strict=True)
     return VBuffer(results["media/scattering"], results["media/extinction"], results["media/emission"],
                    results["media/phase_anisotropy"], tuple((s, float(g)) for s, g in lobes))
@@ -269,7 +280,7 @@ def _v_buffer(results: Results) -> VBuffer:
 def _run_lighting(job: Job, results: Results) -> dict[str, Field]:
     settings, scene = job.settings, job.scene
     light = lighting.in_scattering(
-        _v_buffer(results), scene.all_lights, job.froxels, ambient=scene.ambient,
+        v_buffer(results), scene.all_lights, job.froxels, ambient=scene.ambient,
         phase_function=settings.phase_function, second_lobe=settings.second_lobe, emission=settings.emission,
         attenuation=settings.attenuation, ambient_term=settings.ambient, visibility=_visibility(job, results),
         exposure=scene.camera.exposure if settings.exposure == "lighting" else 1.0, threads=job.threads,
