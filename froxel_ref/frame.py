@@ -196,6 +196,11 @@ def _check_size(scene: Scene, settings: Settings) -> None:
             "settings.culling.tile", f"is {settings.culling.tile} pixels: the light words of all tiles, for {lights} "
             f"lights and {local} local media, need up to {lists / 2**30:,.1f} GiB, more than memory allows "
             f"(80 % of {have / 2**30:,.1f} GiB)")
+    maps = map_bytes(scene, settings)
+    if need > 0.8 * have and maps > 0.5 * need:
+        raise InputError(
+            "settings.shadow_maps", f"need up to {maps / 2**30:,.1f} GiB for depths alone, all must stay below 80 % of "
+            f"this machine's {have / 2**30:,.1f} GiB")
     if need > 0.8 * have:
         g, c = settings.grid, scene.camera
         raise InputError(

@@ -178,7 +178,8 @@ def relate_lamps(lights: Mapping[int, PointLight], lobes: Sequence[Lobe], froxel
     rays = light_rays(lights, froxels, attenuation=attenuation, restrict=restrict)
     farthest = farthest_distance(dtype) / float(froxels.rays.length.max())
     units, count = np.unique(rays.units, return_counts=True)
-    depths = {size: np.minimum(froxels.depths.astype(np.float64) / size, farthest).astype(dtype)
+    windowed = set(rays.units[rays.windowed].tolist())
+    depths = {size: _in_units(froxels.depths, size, farthest, windowed=size in windowed).astype(dtype)
               for size in units.tolist()}
     common = float(units[np.argmax(count)]) if units.size else 0.0
     # What is constant in the phase function and, as `lamp_batches` leaves it, in the window.
@@ -186,6 +187,12 @@ def relate_lamps(lights: Mapping[int, PointLight], lobes: Sequence[Lobe], froxel
     colours = [np.asarray(np.minimum(rays.intensity * (_factor(lobe) * window), np.finfo(dtype).max), dtype)
                .reshape(-1, 3, 1, 1, 1) for lobe in lobes]
     return Lamps(froxels, rays, colours, depths, common, visibility, candidates if restrict else None)
+
+
+def _in_units(depths: Field, size: float, farthest: float, *, windowed: bool) -> Field:
+    """Depths in a light's unit; too large ones as if behind the camera, where no window reaches them."""
+    measured = depths.astype(np.float64) / size
+    return np.where(measured > farthest, -2.0 * farthest if windowed else farthest, measured)
 
 
 def channels(values: Any, dtype: Type) -> Field:

@@ -158,7 +158,8 @@ def light_rays(lights: Mapping[int, PointLight], froxels: Froxels, *, attenuatio
         windowed = np.array([light.falloff == "windowed" for light in chosen], bool)
         # Without a window any unit does; this one keeps the squares of everything small.
         radii = np.maximum([light.radius for light in chosen], TINIEST)
-        units = np.where(windowed, radii, np.maximum(1.0, np.hypot.reduce(q, axis=1)))
+        # Without a window any unit does that is not a radius.
+        units = np.where(windowed, radii, np.maximum(1.0, np.hypot.reduce(q, axis=1)) * (1.0 + 2.0**-20))
         windows = _windows(boxes)
         sizes = (windows[:, 1] - windows[:, 0]) * (windows[:, 3] - windows[:, 2])
         starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
@@ -257,7 +258,12 @@ def _relate(rays: LightRays, lights: list[PointLight], q: NDArray[np.float64],
         # One light alone is three numbers, several are told apart ray by ray.
         several = len(counts) > 1
         b, h2 = _along_and_across(part, np.repeat(q[group].T, counts, axis=1) if several else q[group.start])
-        np.clip(b, -farthest, farthest, out=b)
+        # Lights too far ahead to measure, and those a radius and more behind the camera, are in nobody's reach: they
+        # are put where no froxel can seem to be (`froxel_ref.lamps.relate_lamps`).
+        unreached = (b > farthest) | (b < -2.0)
+        if not rays.windowed[group].all():
+            unreached &= np.repeat(rays.windowed[group], counts)
+        np.copyto(b, 2.0 * farthest, where=unreached)
         np.clip(h2, np.repeat(least[group], counts) if several else least[group.start], farthest * farthest, out=h2)
         rays.nearest[begin:end], rays.across2[begin:end] = b, h2
         closest[group] = np.minimum.reduceat(h2, rays.starts[group] - begin)

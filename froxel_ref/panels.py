@@ -404,8 +404,8 @@ def table_panel(values: Field, width: int, *, rows: int = 12) -> Image:
 
     Parameters
     ----------
-    values : ndarray, shape (m,) or (m, faces, 3, 4)
-        Indices, or matrices, of which each is a line.
+    values : ndarray, shape (m,), (m, faces, n) or (m, faces, 3, 4)
+        Indices, or numbers of a face, of which each is a line.
     width : int
         The most that the panel may take [px].
     rows : int
@@ -417,8 +417,8 @@ def table_panel(values: Field, width: int, *, rows: int = 12) -> Image:
         The panel; says how many lines it left out.
     """
     lines = [f"{k}:  {value}" for k, value in enumerate(values.tolist())] if values.ndim == 1 else [
-        f"{k}, {face}:   " + "   |   ".join("  ".join(f"{v:.6g}" for v in row) for row in matrix)
-        for k, light in enumerate(values.tolist()) for face, matrix in enumerate(light)]
+        f"{k}, {face}:   " + "   |   ".join("  ".join(f"{v:.6g}" for v in row) for row in np.atleast_2d(numbers))
+        for k, light in enumerate(values) for face, numbers in enumerate(light)]
     shown = lines[:rows] + ([f"and {len(lines) - rows} more"] if len(lines) > rows else [])
     image = canvas(min(width, 220 if values.ndim == 1 else 1100), 20 * len(shown) + 12, PANEL)
     for k, line in enumerate(shown):

@@ -29,7 +29,7 @@ __all__ = [
 
 PAGE, MARGIN, GAP, HEAD, FOOT = 2400, 48, 24, 34, 60
 # Of shadow maps, texels shown of a face, faces in a row; and axes of arrays that are read, not looked at.
-MAP_TEXELS, MAPS_ACROSS, TABLES = 256, 12, ("m", "mfij")
+MAP_TEXELS, MAPS_ACROSS, TABLES = 256, 12, ("m", "mfij", "mfe")
 SLIM, NARROW = 30, 300  # no picture on top is lower or narrower than this, with its words [px]
 COUNTED = {"l": "lobe", "n": "place", "eb": "bin"}
 HERO = ("apply/radiance", "surface/radiance", "apply/fog_radiance", "apply/fog_transmittance",

@@ -119,9 +119,8 @@ class ShadowMaps(Record):
                                within=(0.0, LONGEST))
     normal_bias: float = number(1.0, "how far a surface is lifted, 1 being what a plane needs", at_least=0.0,
                                 within=(0.0, LONGEST))
-    border: int | None = integer(None, "texels around a spot light's map and the faces of a point light's, for filters "
-                                 "to reach into; as many as they need unless given", optional=True, at_least=0,
-                                 at_most=4096)
+    border: int | None = integer(None, "texels around each face for filters to reach into; as many as they need unless "
+                                       "given", optional=True, at_least=0, at_most=4096)
     exponent: float = number(80.0, "exponential maps: over the light's range [Annen 2008]", above=0.0,
                              within=(SHORTEST, 85.0))
     downsample: int = integer(4, "exponential maps: texels averaged along each axis", at_least=1, at_most=64)
@@ -134,6 +133,9 @@ class ShadowMaps(Record):
             if size % (2 * self.downsample if self.technique == "exponential" else 2):
                 raise InputError(name, f"is {size}, must be a multiple of "
                                        f"{2 * self.downsample if self.technique == 'exponential' else 2}")
+            if name == "point_size" and self.point_map == "octahedral" and size < 3 * self.edge:
+                raise InputError(name, f"is {size}, must be at least {3 * self.edge}: the gutter of an octahedral map, "
+                                       f"{self.edge} texels, repeats what is inside it")
             if size <= 2 * self.edge + 8:
                 raise InputError(name, f"is {size}, must be above {2 * self.edge + 8}: there is a border of "
                                        f"{self.edge} texels")
@@ -145,7 +147,8 @@ class ShadowMaps(Record):
             return self.border
         if self.technique == "exponential":
             return self.downsample * (self.blur + 1)
-        return self.kernel // 2 + 1
+        # A kernel reaches ½(kernel + 1) texels, and lifts a surface's points by up to √2 times as many.
+        return -(-5 * (self.kernel + 1) // 4)
 
 
 @dataclass(frozen=True, kw_only=True)

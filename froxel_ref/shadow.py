@@ -53,12 +53,15 @@ class Stack(NamedTuple):
         map to the position relative to the light.
     exponential : Field, shape (m, faces, n, n)
         The filtered map, if the technique is "exponential"; else m is 0.
+    span : ndarray, shape (m, faces, 2) [m]
+        The depths between which that one measures; m is 0 where it is.
     """
 
     light: NDArray[np.int64]
     depth: Field
     matrix: Matrix
     exponential: Field
+    span: Matrix
 
 
 # --- which lights -----------------------------------------------------------------------------------
@@ -215,7 +218,8 @@ def make_stack(kind: str, lights: Mapping[int, Light], casting: Sequence[Caster]
         views = [] if octahedral else _views(light, camera, grid, maps)
         matrix[k] = _relative(light) if octahedral else [raster_from_world(view) for view in views]
         if light.shadow_map is not None:
-            depth[k] = _checked((given or {})[light.shadow_map], shape, f"lights[{list(lights)[k]}].shadow_map")
+            depth[k] = _checked((given or {})[light.shadow_map], shape, kind,
+                                f"lights[{list(lights)[k]}].shadow_map")
         elif isinstance(light, PointLight) and octahedral:
             tasks += _octahedral_tasks(light, casting, depth[k, 0], maps)
         else:
@@ -225,12 +229,12 @@ def make_stack(kind: str, lights: Mapping[int, Light], casting: Sequence[Caster]
         _glue(depth, maps.edge)
     numbers = np.array(list(lights), np.int64)
     if maps.technique != "exponential":
-        return Stack(numbers, depth, matrix, np.empty((0, *shape), depth.dtype))
-    size = shape[1]
-    spans = [_span(light, matrix[k], size, camera, grid) for k, light in enumerate(lights.values())]
-    low, high = (np.reshape([span[end] for span in spans], (len(lights), shape[0], 1, 1)) for end in (0, 1))
+        return Stack(numbers, depth, matrix, np.empty((0, *shape), depth.dtype), np.empty((0, shape[0], 2)))
+    span = np.reshape([_span(light, depth[k], matrix[k]) for k, light in enumerate(lights.values())],
+                      (len(lights), shape[0], 2))
+    low, high = (span[..., end, np.newaxis, np.newaxis] for end in (0, 1))
     return Stack(numbers, depth, matrix, exponential_map(
-        depth, low, high, exponent=maps.exponent, downsample=maps.downsample, blur=maps.blur))
+        depth, low, high, exponent=maps.exponent, downsample=maps.downsample, blur=maps.blur), span)
 
 
 def _views(light: Light, camera: Camera, grid: Grid, maps: ShadowMaps) -> list[LightRaster]:
@@ -279,30 +283,38 @@ def _glue(depth: Field, border: int) -> None:
     depth[...] = pad_octahedral(depth[..., inner, inner], border)
 
 
-def _checked(values: Field, shape: tuple[int, int, int], place: str) -> Field:
+def _checked(values: Field, shape: tuple[int, int, int], kind: str, place: str) -> Field:
     """A map made elsewhere, of the shape that it must have."""
     allowed = shape if shape[0] > 1 else shape[1:]
     if values.shape not in (shape, allowed):
         raise InputError(place, f"has shape {values.shape}, must be {allowed} (settings.shadow_maps)")
-    if np.isnan(values).any():
-        raise InputError(place, "has NaN, must hold depths in metres, infinite where nothing is hit")
+    if np.isnan(values).any() or np.isneginf(values).any():
+        raise InputError(place, "has NaN or −∞, must hold depths in metres, infinite where nothing is hit")
+    if kind != "directional" and (values < 0.0).any():
+        raise InputError(place, "has negative depths, must hold distances from the light in metres")
     return values
 
 
-def _span(light: Light, matrix: Matrix, size: int, camera: Camera, grid: Grid) -> tuple[Matrix, Matrix]:
-    """The least and the largest depth of receivers on each face, shape (faces,) [m]."""
+def _span(light: Light, depth: Field, matrix: Matrix) -> Matrix:
+    """The depths that an exponential map measures on each face, shape (faces, 2) [m].
+
+    It needs room beyond its receivers, for what is cut to its end brightens what is filtered with it: half as
+    much again as a cascade is wide. A lamp without a window reaches as far as nine tenths of what it sees.
+    """
     if isinstance(light, DirectionalLight):
-        half = 0.5 * size / np.sqrt((matrix[:, 0, :3] ** 2).sum(axis=-1))
-        return -half, half
-    far = float(np.linalg.norm(np.subtract(light.position, camera.position))) + 4.0 * grid.far
-    high = np.full(len(matrix), light.radius if light.falloff == "windowed" else far)
-    return np.zeros_like(high), high
+        half = 0.5 * depth.shape[-1] / np.sqrt((matrix[:, 0, :3] ** 2).sum(axis=-1))
+        return np.stack([-1.5 * half, 1.5 * half], axis=1)
+    far = light.radius
+    if light.falloff != "windowed":
+        hit = depth[np.isfinite(depth)]
+        far = 1.25 * float(np.quantile(hit, 0.9)) if hit.size and hit.max() > 0.0 else 1.0
+    return np.tile([0.0, far], (len(matrix), 1))
 
 
 # --- one light's map --------------------------------------------------------------------------------
 
 
-def map_of(stack: Stack, k: int, kind: str, light: Light, camera: Camera, grid: Grid, maps: ShadowMaps) -> ShadowMap:
+def map_of(stack: Stack, k: int, kind: str, light: Light, *, maps: ShadowMaps) -> ShadowMap:
     """Take one light's map out of a stack, for `sight`.
 
     Parameters
@@ -315,8 +327,8 @@ def map_of(stack: Stack, k: int, kind: str, light: Light, camera: Camera, grid: 
         The stack's.
     light : Light
         That light.
-    camera, grid, maps
-        As they were for `make_stack`.
+    maps : ShadowMaps
+        As for `make_stack`.
 
     Returns
     -------
@@ -326,7 +338,7 @@ def map_of(stack: Stack, k: int, kind: str, light: Light, camera: Camera, grid: 
     --------
     >>> lamp = PointLight(position=(0, 2, 0), intensity=(1, 1, 1))
     >>> stack = make_stack("point", {0: lamp}, (), Camera(), Grid(), maps=ShadowMaps(point_size=16))
-    >>> map_of(stack, 0, "point", lamp, Camera(), Grid(), ShadowMaps(point_size=16)).kind
+    >>> map_of(stack, 0, "point", lamp, maps=ShadowMaps(point_size=16)).kind
     'cube'
     """
     name = maps.point_map if kind == "point" else kind
@@ -334,5 +346,5 @@ def map_of(stack: Stack, k: int, kind: str, light: Light, camera: Camera, grid: 
     eps = 0.0 if light.shadow_map is None else float(np.finfo(np.float32).eps)
     if maps.technique != "exponential":
         return ShadowMap(name, stack.depth[k], stack.matrix[k], eps=eps)
-    low, high = _span(light, stack.matrix[k], stack.depth.shape[-1], camera, grid)
+    low, high = stack.span[k].T
     return ShadowMap(name, stack.depth[k], stack.matrix[k], stack.exponential[k], low, high, eps)

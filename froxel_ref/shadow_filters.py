@@ -239,6 +239,8 @@ def pad_octahedral(values: Field, gutter: int) -> Field:
     >>> pad_octahedral(np.arange(4.0).reshape(2, 2), 1).tolist()
     [[3.0, 1.0, 0.0, 2.0], [2.0, 0.0, 1.0, 3.0], [0.0, 2.0, 3.0, 1.0], [1.0, 3.0, 2.0, 0.0]]
     """
+    if gutter == 0:
+        return values
     turned = values[..., ::-1]
     rows = np.concatenate([turned[..., gutter - 1::-1, :], values, turned[..., :-gutter - 1:-1, :]], axis=-2)
     turned = rows[..., ::-1, :]

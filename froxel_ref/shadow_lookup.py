@@ -175,7 +175,7 @@ def _cascade(shadow_map: ShadowMap, maps: ShadowMaps, points: Points, normal: Po
     x, y, z = (_along(axis, points) for axis in axes)
     shape = np.broadcast_shapes(x.shape, y.shape, z.shape)
     face = np.full(shape, len(matrix), np.intp)
-    reach = CASCADE_EDGE * 0.5 * size
+    reach = CASCADE_EDGE * (0.5 * size - maps.edge)
     for k in range(len(matrix) - 1, -1, -1):
         across, down = matrix[k, 0, 3] - 0.5 * size, matrix[k, 1, 3] - 0.5 * size
         inside = (np.abs(x * float(scale[k]) + float(across)) < reach) & (
@@ -299,12 +299,14 @@ def _cube(shadow_map: ShadowMap, maps: ShadowMaps, points: Points, normal: Point
     slope = None
     if normal is not None:
         # A lifted point may look at another face, whose texels ask for another lift: the larger one serves both.
+        # By rounding alone a point on an edge may, too; at a corner there is a third.
         _, turn = cube_faces(*away)
-        lift = _plane_lift(maps, turn(*away), turn(*normal), scale)
-        _, other = cube_faces(*_moved(away, lift, normal))
-        lift = np.maximum(lift, _plane_lift(maps, other(*away), other(*normal), scale))
         slope = _plane_slope(maps, turn(*away), turn(*normal), scale)
-        away = _moved(away, lift + _rounding(shadow_map, points, origin), normal)
+        lift, rounding = _plane_lift(maps, turn(*away), turn(*normal), scale), _rounding(shadow_map, points, origin)
+        for _ in range(2):
+            _, other = cube_faces(*_moved(away, lift + rounding, normal))
+            lift = np.maximum(lift, _plane_lift(maps, other(*away), other(*normal), scale))
+        away = _moved(away, lift + rounding, normal)
     face, turn = cube_faces(*away)
     return _on_plane(turn(*away), scale, shadow_map, maps, slope, face)
 

@@ -11,7 +11,7 @@ from numpy.typing import DTypeLike
 
 from froxel_ref.arrays import Field, Points, Sight, Visibility
 from froxel_ref.assets import Assets
-from froxel_ref.scene import DirectionalLight, HeightField, Light, Mesh, Scene, SpotLight, Surface
+from froxel_ref.scene import DirectionalLight, HeightField, HeightsFile, Light, Mesh, Scene, SpotLight, Surface
 from froxel_ref.settings import Settings
 from froxel_ref.shadow import KINDS, Stack, make_stack, map_kind, map_of, map_shape, shadowed_lights
 from froxel_ref.shadow_lookup import sight
@@ -102,9 +102,10 @@ def map_bytes(scene: Scene, settings: Settings) -> int:
     for kind in KINDS:
         faces, rows, columns = map_shape(kind, maps)
         texels = rows * columns
+        numbers = 12  # of a face's matrix
         if maps.technique == "exponential":
-            texels += texels // (maps.downsample * maps.downsample)
-        total += len(map_lights(scene, kind)) * (faces * (texels * item + 12 * 8) + 8)
+            texels, numbers = texels + texels // (maps.downsample * maps.downsample), numbers + 2
+        total += len(map_lights(scene, kind)) * (faces * (texels * item + numbers * 8) + 8)
     return total
 
 
@@ -131,7 +132,8 @@ def shadow_maps(scene: Scene, settings: Settings, assets: Assets, *, dtype: DTyp
     Returns
     -------
     dict of str to ndarray
-        Every name of `NAMES`; kinds without lights have no maps.
+        Every name of `NAMES`; kinds without lights have no maps. Not to be written to: the next frame may take
+        them over.
 
     Raises
     ------
@@ -156,6 +158,8 @@ def shadow_maps(scene: Scene, settings: Settings, assets: Assets, *, dtype: DTyp
                            given=assets.shadow_maps, dtype=dtype, threads=threads
                            ) if lights else _no_maps(kind, settings, dtype)
         results |= dict(zip(NAMES[kind], stack, strict=True))
+    for name in (name for names in NAMES.values() for name in names):
+        results[name].flags.writeable = False  # they may be handed on to the next frame
     return results
 
 
@@ -231,9 +235,7 @@ def map_keys(scene: Scene, settings: Settings, assets: Assets) -> dict[tuple[str
         cascades = tuple(_numbers(view) for light in lights.values() if isinstance(light, DirectionalLight)
                          for view in cascade_views(light, scene.camera, settings.grid, settings.shadow_maps))
         keys[NAMES[kind]] = (tuple((i, _place(light, assets)) for i, light in lights.items()),
-                             surfaces if lights else (), cascades,
-                             settings.shadow_maps, settings.precision,
-                             settings.grid.far if kind != "directional" else None)
+                             surfaces if lights else (), cascades, settings.shadow_maps, settings.precision)
     return keys
 
 
@@ -251,7 +253,7 @@ def _place(light: Light, assets: Assets) -> Hashable:
 
 def _shape(surface: Surface, assets: Assets) -> Hashable:
     plain = dataclasses.replace(surface, albedo=(0.0, 0.0, 0.0), name="")
-    if isinstance(surface, HeightField):
+    if isinstance(surface, HeightField) and isinstance(surface.heights, HeightsFile):
         return plain, _Same(assets.heights[surface.heights])
     return (plain, _Same(assets.meshes[surface])) if isinstance(surface, Mesh) else plain
 
@@ -283,8 +285,7 @@ def map_sights(results: Mapping[str, Any], scene: Scene, settings: Settings) -> 
     for kind in KINDS:
         stack = Stack(*(results[name] for name in NAMES[kind]))
         for k, number in enumerate(stack.light.tolist()):
-            shadow_map = map_of(stack, k, kind, scene.all_lights[number], scene.camera, settings.grid,
-                                settings.shadow_maps)
+            shadow_map = map_of(stack, k, kind, scene.all_lights[number], maps=settings.shadow_maps)
             found[number] = sight(shadow_map, maps=settings.shadow_maps, outside=settings.beyond_cascades)
     return found
 

@@ -29,7 +29,8 @@ Matrix: TypeAlias = NDArray[np.float64]
 # Spot lights with a wider half angle have a point light's map: their image plane would run to infinity.
 WIDEST_SPOT = 75.0
 
-# A cascade counts where both |x| and |y| are below this share of its half width (the sources' 0.97).
+# A cascade counts where both |x| and |y| are below this share of its half width (the sources' 0.97), border not
+# counted.
 CASCADE_EDGE = 0.97
 
 # Faces of a cube map as graphics interfaces number them: +x, −x, +y, −y, +z, −z; for each the axis that it
@@ -171,8 +172,8 @@ def cascade_views(light: DirectionalLight, camera: Camera, grid: Grid, maps: Sha
     -----
     Each is a square around the ball about its stretch of the view, so that its size does not change when the
     camera turns, and its centre moves in whole texels, so that nothing shimmers when it moves: a point of the
-    world falls on the same place in its texel in every frame. The ball lies within 0.97 of the half width,
-    half a texel for the snap included, so every froxel has a cascade.
+    world falls on the same place in its texel in every frame. The ball lies within 0.97 of the half width
+    without the border, half a texel for the snap included, so every froxel has a cascade.
 
     Examples
     --------
@@ -182,6 +183,7 @@ def cascade_views(light: DirectionalLight, camera: Camera, grid: Grid, maps: Sha
     """
     basis = shadow_basis(tuple(-c for c in light.direction))
     size = maps.directional_size
+    inner = size - 2 * maps.edge
     splits = cascade_splits(grid, maps)
     pose = world_from_view(camera)
     tangent = math.tan(math.radians(camera.vertical_fov) / 2.0)
@@ -189,8 +191,7 @@ def cascade_views(light: DirectionalLight, camera: Camera, grid: Grid, maps: Sha
     result = []
     for low, high in zip(splits[:-1].tolist(), splits[1:].tolist(), strict=True):
         ball = _ball(low, high, slope)
-        half = ball.radius / (CASCADE_EDGE - 1.0 / size)
-        texel = 2.0 * half / size
+        texel = 2.0 * ball.radius / (CASCADE_EDGE * inner - 1.0)
         center = basis @ (pose[:3, 3] - ball.depth * pose[:3, 2])
         center = np.round(center / texel) * texel
         across, down = texel * basis[0], texel * basis[1]

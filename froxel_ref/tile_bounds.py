@@ -81,7 +81,9 @@ def light_proxies(lights: Sequence[PointLight], origin: Sequence[float], dtype: 
     for k, light in enumerate(lights):
         corners = cone_corners(light, dtype) if isinstance(light, SpotLight) else ()
         if len(corners):
-            hulls[k] = _grown(np.asarray(corners), float(slack[k]))
+            grown = _grown(np.asarray(corners), float(slack[k]))
+            if grown is not None:
+                hulls[k] = grown
     return Proxies(centers, axes, hulls)
 
 
@@ -127,13 +129,16 @@ def _slack(centers: Doubles, sizes: Doubles, origin: Sequence[float], dtype: np.
     return np.asarray(ROUNDINGS * float(np.finfo(dtype).eps) * extent)
 
 
-def _grown(corners: Doubles, slack: float) -> Doubles:
-    """A pyramid (apex first, then its base) that holds all within ``slack`` of another one."""
+def _grown(corners: Doubles, slack: float) -> Doubles | None:
+    """A pyramid (apex first, then its base) that holds all within ``slack`` of another one; None for a point."""
     apex, base = corners[0], corners[1:].mean(axis=0)
     height = float(np.linalg.norm(base - apex))
     wide = float(np.linalg.norm(corners[1] - base)) * np.cos(np.pi / (len(corners) - 1))
+    total = wide + np.hypot(wide, height)
+    if not wide * height > slack * total:
+        return None  # all of it is rounding: the sphere says as much
     # Scaled about the middle of the largest ball that it holds, of this radius.
-    ball = wide * height / (wide + np.hypot(wide, height))
+    ball = wide * height / total
     middle = base + (apex - base) * (ball / height)
     return np.asarray(middle + (corners - middle) * (1.0 + slack / ball))
 

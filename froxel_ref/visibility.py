@@ -33,6 +33,7 @@ Cast: TypeAlias = Callable[[Array, Array, bool], Mask]
 # Points at which surfaces of triangles are cast at first within their bounds' shadow; a shadow or a gap
 # between two of them that is narrower can be missed. Then halvings of each change.
 CASTS, HALVINGS = 65, 44
+PLANAR = 1e-15  # of its terms, the height of a light over a plane that it lies in
 SLACK = 1e-12  # of the coordinates, when corners of a shadow's cross-section are told from points outside
 NEAR = 1e-7    # share of the way to a light within which a surface does not hide itself
 
@@ -250,12 +251,20 @@ def _polygon_range(a: Array, b: Array, low: Array, high: Array, *, ratio: bool) 
     return least, most
 
 
+def _plane_side(plane: Plane, towards: Array, sun: bool) -> float:
+    """On which side of a plane a light is; 0 if it lies in it, or shines along it, but for rounding."""
+    normal, point = np.asarray(unit(plane.normal)), np.asarray(plane.point)
+    terms = normal * towards if sun else normal * (towards - point)
+    size = np.abs(normal) @ (np.abs(towards) if sun else np.abs(towards) + np.abs(point))
+    return float(terms.sum()) if abs(float(terms.sum())) > PLANAR * float(size) else 0.0
+
+
 def _plane_spans(plane: Plane, lines: Lines, light: Light) -> Array:
     normal = np.asarray(unit(plane.normal))
     towards, sun = _towards(light)
     height = normal @ (lines.origin - np.asarray(plane.point)[:, np.newaxis])
     slope = normal @ lines.direction
-    side = float(normal @ towards) if sun else float(normal @ (towards - plane.point))
+    side = _plane_side(plane, towards, sun)
     # Dark where the ray's height has the other sign than the light's.
     sign = -np.sign(side)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -411,6 +420,8 @@ def _hides(occluder: Occluder, x: Array, way: Array, towards: Array, sun: bool) 
         return _sphere_hides(start, towards if sun else towards - center, surface.radius ** 2, sun)
     with np.errstate(divide="ignore", invalid="ignore"):
         if isinstance(surface, Plane):
+            if _plane_side(surface, towards, sun) == 0.0:
+                return np.zeros(x.shape[1], bool)
             normal = np.asarray(unit(surface.normal))
             t = -(normal @ (x - np.asarray(surface.point)[:, np.newaxis])) / (normal @ way)
             return np.asarray((t > NEAR) & ((t < 1.0) | sun))

@@ -7,9 +7,11 @@ import math
 
 import numpy as np
 import pytest
+import reference_culling as reference
 from hypothesis import given
 from hypothesis import settings as budget
 from hypothesis import strategies as st
+from test_lighting import fog
 
 from froxel_ref import culling, light_rays, shading, surface, tile_bounds
 from froxel_ref.culling import (
@@ -44,8 +46,6 @@ from froxel_ref.scene import (
     Transform,
 )
 from froxel_ref.settings import Culling, Grid, Settings, replace
-from tests import reference_culling as reference
-from tests.test_lighting import fog
 
 DOUBLE = np.dtype(np.float64)
 AHEAD = Camera(position=(0.0, 0.0, 0.0), target=(0.0, 0.0, -1.0), width=32, height=16, vertical_fov=90.0)
@@ -411,6 +411,30 @@ def scenes(draw) -> tuple[Scene, Settings]:
 def same(planned: np.ndarray, forced: np.ndarray) -> bool:
     a, b = np.broadcast_arrays(planned, forced)
     return a.tobytes() == b.tobytes()
+
+
+@pytest.mark.parametrize(("place", "radius"), [(1e7, 1e-9), (1e8, 1e-9), (1e9, 1e-8)])
+def test_a_cone_smaller_than_the_rounding_of_its_place_is_listed(place: float, radius: float) -> None:
+    away = 64.0
+    spot = SpotLight(position=(place, place, place - away), direction=(0, 0, -1), inner_angle=10, outer_angle=30,
+                     intensity=(1, 1, 1), radius=radius, min_distance=1e-9)
+    scene = Scene(camera=Camera(position=(place,) * 3, target=(place, place, place - 1024.0), width=4, height=4),
+                  global_media=(Medium(extinction=0.05),), lights=(spot,))
+    how = Settings(grid=Grid(width=1, height=1, depth=1, near=away - 0.5, far=away + 0.5 + radius,
+                             distribution="linear"))
+    culled, forced = (run_frame(scene, how, force_all=force)["lighting/in_scattering"].max() for force in (False, True))
+    assert culled == forced > 0.0
+
+
+@pytest.mark.parametrize(("radius", "far", "z"), [(1e-3, 1e6, -9e5), (1e-7, 64.0, -40.0), (1e-9, 64.0, -40.0)])
+def test_a_lamp_too_small_to_measure_lights_nothing(radius: float, far: float, z: float) -> None:
+    """In float32 distances beyond 2.7e8 radii are cut: they must not be cut to the same number."""
+    lamp = PointLight(position=(0, 0, z), intensity=(1, 1, 1), radius=radius)
+    scene = Scene(camera=Camera(position=(0, 0, 0), target=(0, 0, -1), width=4, height=4), lights=(lamp,),
+                  global_media=(Medium(extinction=1e-6),))
+    how = Settings(precision="float32", grid=Grid(width=9, height=9, depth=64, near=0.5, far=far))
+    for force in (False, True):
+        assert run_frame(scene, how, force_all=force)["lighting/in_scattering"].max() == 0.0
 
 
 @given(scenes())

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from froxel_ref import scene_files
 from froxel_ref.assets import load_assets
 from froxel_ref.frame import FINAL, plan, run_frame
+from froxel_ref.geometry import Lines
 from froxel_ref.grid import froxel_points, make_froxels
 from froxel_ref.records import InputError
 from froxel_ref.scene import (
@@ -22,6 +23,7 @@ from froxel_ref.scene import (
     DirectionalLight,
     Folds,
     HeightField,
+    Medium,
     Plane,
     PointLight,
     Scene,
@@ -34,7 +36,7 @@ from froxel_ref.shadow import make_stack, map_kind, map_of, shadowed_lights, sig
 from froxel_ref.shadow_raster import LightRaster, casters, raster_rays
 from froxel_ref.shadow_stage import exact_sights, map_sights, shadow_maps
 from froxel_ref.shadow_views import cascade_views, cube_views, octant_views, spot_view
-from froxel_ref.visibility import exact_visibility, occluders
+from froxel_ref.visibility import dark_spans, exact_visibility, occluders
 
 WHITE = (1.0, 1.0, 1.0)
 THINGS = (
@@ -61,7 +63,7 @@ def looker(name, maps, surfaces=THINGS, light=None, dtype=np.float64, camera=CAM
     kind = map_kind(light)
     ready = casters(surfaces, load_assets(Scene(surfaces=surfaces), None))
     stack = make_stack(kind, {0: light}, ready, camera, grid, maps=maps, dtype=dtype)
-    return sight(map_of(stack, 0, kind, light, camera, grid, maps), maps=maps)
+    return sight(map_of(stack, 0, kind, light, maps=maps), maps=maps)
 
 
 def exact(light, surfaces=THINGS):
@@ -105,15 +107,15 @@ def test_points_on_texels_rays_see_what_is_exact(name):
             own = way[1] * (1 - 2 * (number % 2)) > 1e-9
             points = tuple(p[own] for p in points)
         if name == "directional":  # a point may have a nearer cascade, whose texels it is not in the middle of
-            size = maps.directional_size
+            size, inner = maps.directional_size, maps.directional_size - 2 * maps.edge
             nearer = [v for v in views(name, maps) if v.across @ v.across < view.across @ view.across * (1 - 1e-9)]
             hidden = np.zeros(points[0].shape, bool)
             for other in nearer:
                 x, y = ((points[0] * a[0] + points[1] * a[1] + points[2] * a[2] - other.base @ a) / (a @ a)
                         for a in (other.across, other.down))
-                hidden |= (np.abs(x - size / 2) < 0.97 * size / 2) & (np.abs(y - size / 2) < 0.97 * size / 2)
+                hidden |= (np.abs(x - size / 2) < 0.97 * inner / 2) & (np.abs(y - size / 2) < 0.97 * inner / 2)
             x, y = (np.broadcast_to(c, points[0].shape) for c in np.meshgrid(*[np.arange(size) + 0.5] * 2))
-            edge = np.maximum(np.abs(x - size / 2), np.abs(y - size / 2)) >= 0.97 * size / 2
+            edge = np.maximum(np.abs(x - size / 2), np.abs(y - size / 2)) >= 0.97 * inner / 2
             points = tuple(p[~hidden & ~edge] for p in points)
         found.append((see(points), truth(points)))
     got, want = (np.concatenate([f[k].ravel() for f in found]) for k in (0, 1))
@@ -126,7 +128,7 @@ def test_matched_texels_and_froxels_agree_completely():
     """A spot light at the camera whose texels are the froxels' columns: every froxel of the grid."""
     camera = Camera(position=(0.3, 1.7, 1.0), target=(0.3, 1.7, -4.0), vertical_fov=60, width=30, height=30)
     light = SpotLight(position=camera.position, direction=(0, 0, -1), intensity=WHITE, outer_angle=30, radius=40)
-    maps = ShadowMaps(spot_size=32, kernel=0)  # 30 texels and a border of one
+    maps = ShadowMaps(spot_size=34, kernel=0)  # 30 texels and a border of two
     grid = Grid(width=30, height=30, depth=40, near=0.5, far=20.0)
     points = froxel_points(make_froxels(camera, grid))
     got = looker("spot", maps, light=light, camera=camera, grid=grid)(points)
@@ -208,10 +210,10 @@ def test_a_map_without_its_border_has_seams():
     torn[..., :border, :] = torn[..., -border:, :] = torn[..., :, :border] = torn[..., :, -border:] = 0.0
     angle = np.linspace(0, 2 * np.pi, 720)
     rim = (np.cos(angle), np.full_like(angle, -0.3), np.sin(angle))
-    whole, broken = (sight(map_of(stack._replace(depth=depth), 0, kind, light, CAMERA, GRID, maps), maps=maps)(rim)
+    whole, broken = (sight(map_of(stack._replace(depth=depth), 0, kind, light, maps=maps), maps=maps)(rim)
                      for depth in (stack.depth, torn))
     assert (whole == 1.0).all()
-    broken_down = sight(map_of(stack._replace(depth=torn), 0, kind, light, CAMERA, GRID, maps), maps=maps)(
+    broken_down = sight(map_of(stack._replace(depth=torn), 0, kind, light, maps=maps), maps=maps)(
         (0.01 * rim[0], np.full_like(angle, -0.9), 0.01 * rim[2]))
     assert (broken < 1.0).any() or (broken_down < 1.0).any()
 
@@ -267,6 +269,43 @@ def test_a_lit_plane_has_no_acne_at_any_angle(name, kernel, dtype):
         x, y, z = points[:, keep].astype(dtype)
         normals = tuple(np.full(x.shape, c, dtype) for c in n)
         assert (see((x, y, z), normals) == 1.0).all(), (name, angle)
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("name", ["cube", "octahedral"])
+def test_no_acne_where_faces_meet(name, dtype):
+    """On a floor, along the lines that the edges of a cube about the lamp throw on it, and a rounding aside."""
+    rng = np.random.default_rng(13)
+    for offset, height in ((0.0, 2.0), (0.0, 7.3), (100.0, 9.9), (1000.0, 9.9)):
+        light = PointLight(position=(offset, height, -offset), intensity=WHITE, radius=50)
+        see = looker(name, maps_for(name, point_size=256), surfaces=(Plane(),), light=light, dtype=dtype)
+        along = np.concatenate([np.linspace(-height, height, 41), rng.uniform(-height, height, 20000)])
+        aside = np.concatenate([np.zeros(41), rng.normal(scale=1e-5 * (1 + offset), size=20000)])
+        for x, z in ((along, height + aside), (-height + aside, along), (along, along + aside), (along, -along)):
+            points = tuple(np.asarray(c, dtype) for c in (x + offset, np.zeros_like(x), z - offset))
+            share = see(points, tuple(np.full(x.shape, c, dtype) for c in (0.0, 1.0, 0.0)))
+            assert (share == 1.0).all(), (offset, height, share.min())
+
+
+@pytest.mark.parametrize("kernel", [0, 3, 7, 15])
+@pytest.mark.parametrize("size", [128, 1024])
+@pytest.mark.parametrize("name", ["directional", "spot"])
+def test_no_acne_at_the_edges_of_wide_kernels(name, size, kernel):
+    """Lifted points look at texels beyond a face's edge: there must be some."""
+    rng = np.random.default_rng(14)
+    maps = maps_for(name, kernel=kernel, directional_size=size, spot_size=size)
+    for tilt, outer in itertools.product((20.0, 45.0, 70.0), (20.0, 74.9)):
+        normal = np.array([math.sin(math.radians(tilt)), math.cos(math.radians(tilt)), 0.2])
+        n = normal / np.linalg.norm(normal)
+        light = DirectionalLight(direction=(0, 1, 0), irradiance=WHITE) if name == "directional" else SpotLight(
+            position=(0, 4, 0), direction=(0, -1, 0), intensity=WHITE, inner_angle=5, outer_angle=outer, radius=90)
+        _, points = plane_points(n, 6000, rng, extent=8.0)
+        if name == "spot":
+            away = points - np.array([[0.0], [4.0], [0.0]])
+            points = points[:, -away[1] > math.cos(math.radians(outer)) * np.linalg.norm(away, axis=0)]
+        see = looker(name, maps, surfaces=(Plane(normal=tuple(n.tolist())),), light=light)
+        share = see(tuple(points), tuple(np.full(points.shape[1], c) for c in n))
+        assert (share == 1.0).all(), (tilt, outer, share.min())
 
 
 @pytest.mark.parametrize("name", LIGHTS)
@@ -433,7 +472,7 @@ def test_maps_are_taken_over_where_nothing_moved():
     red = dataclasses.replace(scene, lights=tuple(
         dataclasses.replace(light, intensity=(9, 0, 0)) if isinstance(light, PointLight) else light
         for light in scene.lights))
-    assert len(run_frame(red, how, assets=assets, previous=first).reused) == 12
+    assert len(run_frame(red, how, assets=assets, previous=first).reused) == 15
     moved = dataclasses.replace(scene, lights=(scene.lights[0], dataclasses.replace(
         scene.lights[1], position=(-6.0, 3.0, -7.0)), *scene.lights[2:]))
     fresh, kept = (run_frame(moved, how, assets=assets, previous=p) for p in (None, first))
@@ -444,6 +483,46 @@ def test_maps_are_taken_over_where_nothing_moved():
         name for name in first.results if name.startswith("shadow/spot"))
     other = replace(how, shadow_maps=dataclasses.replace(how.shadow_maps, point_size=32))
     assert not any("point" in name for name in run_frame(scene, other, assets=assets, previous=first).reused)
+
+
+@pytest.mark.parametrize("kind", ["spot", "point"])
+@pytest.mark.parametrize("technique", ["compare", "exponential"])
+def test_maps_that_are_taken_over_are_those_of_the_frame(kind, technique):
+    """A lamp without a window, and a camera that walks: nothing of its map may depend on the camera."""
+    lamp = {"position": (2, 5, 1), "intensity": (50, 50, 50), "falloff": "inverse_square"}
+    light = SpotLight(direction=(-0.4, -1, -0.2), **lamp) if kind == "spot" else PointLight(**lamp)
+    scenes = [Scene(camera=Camera(position=(0, 1.7, z), target=(0, 1.5, 0), width=32, height=18), lights=(light,),
+                    global_media=(Medium(extinction=0.05),), surfaces=THINGS) for z in (6.0, 12.0)]
+    how = Settings(grid=Grid(width=16, height=9, depth=16, far=20), shadow_maps=ShadowMaps(
+        technique=technique, spot_size=64, point_size=64))
+    first = run_frame(scenes[0], how)
+    fresh, kept = (run_frame(scenes[1], how, previous=p) for p in (None, first))
+    assert f"shadow/{kind}_depth" in kept.reused
+    assert all(np.array_equal(fresh[name], kept[name]) for name in fresh.results)
+    with pytest.raises(ValueError, match="read-only"):
+        kept[f"shadow/{kind}_depth"][...] = 0.0
+
+
+@pytest.mark.parametrize("light", [
+    PointLight(position=(0, 200, 0), intensity=WHITE, falloff="inverse_square"),
+    SpotLight(position=(0, 200, 0), intensity=WHITE, falloff="inverse_square")])
+def test_exponential_maps_of_far_lamps_hide(light):
+    """Whatever the camera sees: a plate at 60 m hides what is below it, and nothing else."""
+    plate = Box(transform=Transform(translate=(0, 60, 0), scale=(20, 0.5, 20)))
+    maps = maps_for("cube", technique="exponential", point_size=256, spot_size=256)
+    see = looker("spot", maps, surfaces=(Plane(), plate), light=light)
+    x = np.array([0.0, 5.0, 45.0, 60.0])
+    # A point light sees the floor out to the horizon, so its range is 1.5 km and 59 m are e^(−80·59/1500) of light.
+    np.testing.assert_allclose(see((x, np.full(4, 1.0), 0 * x)), [0, 0, 1, 1], atol=0.05)
+
+
+def test_exponential_maps_of_a_low_sun_light_a_plane():
+    light = DirectionalLight(direction=(1, 0.05, 0.3), irradiance=WHITE)
+    see = looker("directional", maps_for("directional", technique="exponential", directional_size=1024),
+                 surfaces=(Plane(),), light=light, grid=Grid())
+    z = -np.linspace(1.0, 60.0, 3000)
+    share = see((0 * z, 0 * z, z), tuple(np.full(3000, c) for c in (0.0, 1.0, 0.0)))
+    assert share.min() > 0.97
 
 
 def test_cascades_follow_the_camera_and_lamps_stay():
@@ -474,7 +553,7 @@ def test_beyond_the_cascades_is_lit_or_dark():
     for word in ("lit", "dark"):
         light = LIGHTS["directional"]
         stack = make_stack("directional", {0: light}, casters((Plane(),), None), CAMERA, GRID, maps=maps)
-        see[word] = sight(map_of(stack, 0, "directional", light, CAMERA, GRID, maps), maps=maps, outside=word)
+        see[word] = sight(map_of(stack, 0, "directional", light, maps=maps), maps=maps, outside=word)
     far = (np.array([500.0]), np.array([1.0]), np.array([0.0]))
     assert (see["lit"](far).item(), see["dark"](far).item()) == (1.0, 0.0)
 
@@ -492,6 +571,21 @@ def test_exact_rays_do_not_let_a_surface_hide_itself(dtype):
     normal = (np.zeros_like(x), np.ones_like(x), np.zeros_like(x))
     for number in (0, 1):
         assert (sees[number]((x, y, z), normal) == 1.0).all()
+
+
+def test_a_plane_that_a_lamp_lies_in_hides_nothing():
+    """By exact rays as by maps, and along rays; rounding does not sprinkle it with shadow."""
+    n, rng = np.array((1.0, 2.0, 3.0)), np.random.default_rng(4)
+    place = np.array((1.3, 0.7, 0.2)) + 0.7 * np.cross(n, (1, 0, 0))
+    plane = Plane(point=(1.3, 0.7, 0.2), normal=(1, 2, 3))
+    along = DirectionalLight(direction=tuple(np.cross(n, (0.3, 0.1, 1)).tolist()), irradiance=WHITE)
+    points = tuple(rng.normal(scale=5, size=(3, 4000)))
+    way = rng.normal(size=(3, 400))
+    lines = Lines(rng.normal(scale=5, size=(3, 400)), way / np.linalg.norm(way, axis=0), np.zeros(400),
+                  np.full(400, 9.0))
+    for light in (PointLight(position=tuple(place.tolist()), intensity=WHITE, radius=50), along):
+        assert (exact(light, (plane,))(points) == 1.0).all()
+        assert np.isnan(dark_spans(occluders((plane,), load_assets(Scene(), None)), lines, light)).all()
 
 
 # --- made elsewhere ---------------------------------------------------------------------------------
@@ -535,6 +629,7 @@ def test_a_cube_without_a_border_is_a_renderers_own(tmp_path):
     (np.zeros((128, 128)), r"lights\[0\].shadow_map: has shape \(128, 128\), must be \(4, 128, 128\)"),
     (np.where(np.arange(128) == 5, np.nan, np.ones((4, 128, 128))),
      r"lights\[0\].shadow_map: .* depth must be a number"),
+    (np.full((4, 128, 128), -np.inf), r"lights\[0\].shadow_map: has NaN or −∞"),
     (np.zeros((4, 128, 128), np.int32), "must hold floats")])
 def test_bad_maps_are_refused_by_name(tmp_path, array, words):
     scene, how, _ = hall()
@@ -547,12 +642,41 @@ def test_bad_maps_are_refused_by_name(tmp_path, array, words):
 @pytest.mark.parametrize(("changes", "words"), [
     ({"cascades": 0}, "cascades: is 0, must be at least 1"),
     ({"point_size": 17}, "point_size: is 17, must be a multiple of 2"),
-    ({"spot_size": 20, "kernel": 15}, "spot_size: is 20, must be above 24"),
+    ({"spot_size": 20, "kernel": 15}, "spot_size: is 20, must be above 48"),
     ({"technique": "exponential", "directional_size": 100}, "directional_size: is 100, must be a multiple of 8"),
     ({"technique": "variance"}, "technique"), ({"kernel": -1}, "kernel"), ({"exponent": 100.0}, "exponent")])
 def test_bad_settings_are_refused_by_name(changes, words):
     with pytest.raises(InputError, match=words):
         ShadowMaps(**changes)
+
+
+def test_depths_behind_a_lamp_are_refused(tmp_path):
+    scene, how, _ = hall()
+    np.save(tmp_path / "lamp.npy", np.full((6, 64, 64), -1.0))
+    given = dataclasses.replace(scene, lights=(dataclasses.replace(scene.lights[1], shadow_map="lamp.npy"),))
+    with pytest.raises(InputError, match=r"lights\[0\].shadow_map: has negative depths"):
+        run_frame(given, how, assets=load_assets(given, tmp_path))
+
+
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"border": 20, "point_size": 50}, "point_size: is 50, must be at least 60"),
+    ({"technique": "exponential", "blur": 10, "downsample": 4, "point_size": 104}, "must be at least 132")])
+def test_gutters_wider_than_the_octahedron_are_refused(changes, words):
+    with pytest.raises(InputError, match=words):
+        ShadowMaps(point_map="octahedral", **changes)
+
+
+def test_an_octahedron_without_a_gutter():
+    see = looker("octahedral", maps_for("octahedral", border=0, kernel=0))
+    points = tuple(np.random.default_rng(5).uniform(low, high, 4000) for low, high in ((-3, 3), (0, 3), (-8, -1)))
+    assert (see(points) == exact(LAMP)(points)).mean() > 0.85
+
+
+def test_maps_beyond_the_memory_are_named():
+    scene, how, _ = hall()
+    huge = replace(how, shadow_maps=ShadowMaps(directional_size=16384, cascades=16))
+    with pytest.raises(InputError, match=r"settings.shadow_maps: need up to .* GiB"):
+        plan(dataclasses.replace(scene, lights=scene.lights * 3), huge)
 
 
 def test_a_spot_of_half_a_sphere_is_refused():

@@ -28,6 +28,7 @@ from froxel_ref.shadow_views import (
     spot_view,
 )
 
+EDGE = ShadowMaps().edge
 UNIT = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: math.hypot(*v) > 0.1)
 LAMP = PointLight(position=(0.5, -1.0, 2.0), intensity=(1, 1, 1))
 SPOT = SpotLight(position=(0.5, -1.0, 2.0), intensity=(1, 1, 1), direction=(0.3, -0.8, 0.2), outer_angle=40)
@@ -77,7 +78,7 @@ def inside(views, size, points):
     for view in views:
         matrix = raster_from_world(view)
         place = matrix[:2, :3] @ x + matrix[:2, 3:]
-        result.append((np.abs(place - size / 2) < CASCADE_EDGE * size / 2).all(axis=0))
+        result.append((np.abs(place - size / 2) < CASCADE_EDGE * (size / 2 - EDGE)).all(axis=0))
     return np.array(result)
 
 
