@@ -51,7 +51,7 @@ def disagreement(name: str, sizes: list[int]) -> Iterator[tuple[object, ...]]:
         wrong: dict[str, list[float]] = {}
         for size in sizes:
             how = replace(settings, shadow_maps=sized(size, kernel=0, point_map=layout))
-            sees = map_sights(shadow_maps(scene, how, assets), scene, how)
+            sees = map_sights(shadow_maps(scene, how, assets), scene, how, assets)
             for kind in ("directional", "spot", "point"):
                 numbers = list(map_lights(scene, kind))
                 if not numbers or (layout == "octahedral" and kind != "point"):

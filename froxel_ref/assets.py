@@ -117,6 +117,8 @@ def load_assets(scene: Scene, folder: Folder) -> Assets:
     def shadow_map(path: str, place: str) -> NDArray[Any]:
         file = input_path(folder, path, place)
         depths = _read_floats(file, None, place)
+        if depths.dtype.itemsize < 4:
+            raise InputError(place, f"{str(file)!r} holds {depths.dtype.name}, must hold float32 or float64")
         refuse(depths, np.isnan(depths), "depth must be a number, or +inf", file, place=place)
         return depths
 

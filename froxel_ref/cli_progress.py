@@ -41,7 +41,8 @@ def progress(unit: str) -> Iterator[Progress]:
         with _bar(unit) as tell:
             yield tell
     else:
-        yield _lines(unit, time.monotonic)
+        with _beats(unit, _lines(unit, time.monotonic)) as tell:
+            yield tell
 
 
 @contextmanager
@@ -55,6 +56,36 @@ def _bar(unit: str) -> Iterator[Progress]:
             bar.set_description_str(what)
 
         yield tell
+
+
+@contextmanager
+def _beats(unit: str, told: Progress) -> Iterator[Progress]:
+    """The same, and a sign of life each `EVERY` seconds while a single step takes longer than that."""
+    done, latest = threading.Event(), [("", 0, 0)]
+
+    def beat() -> None:
+        before, since = latest[0], time.monotonic()
+        while not done.wait(EVERY):
+            now = latest[0]
+            if now != before:
+                before, since = now, time.monotonic()
+            elif now[2]:
+                named = f" ({now[0]})" if now[0] else ""
+                with suppress(OSError, ValueError):
+                    print(f"froxel-ref: at {now[1] + 1} of {now[2]} {unit}{named} for more than "
+                          f"{_span(time.monotonic() - since)}", file=sys.stderr, flush=True)
+
+    def tell(what: str, number: int, count: int) -> None:
+        latest[0] = (what, number, count)
+        told(what, number, count)
+
+    watch = threading.Thread(target=beat, daemon=True)
+    watch.start()
+    try:
+        yield tell
+    finally:
+        done.set()
+        watch.join()
 
 
 def _lines(unit: str, clock: Callable[[], float]) -> Progress:
@@ -72,9 +103,10 @@ def _lines(unit: str, clock: Callable[[], float]) -> Progress:
                 return
             told, left = now, (now - begun) * (count - done) / done
             named = f" ({what})" if what else ""
+            # Stages are too unlike to tell what the rest will take.
+            ahead = "" if unit == "stages" else f", about {_span(left)} left"
             with suppress(OSError, ValueError):  # a reader that went away does not stop the work
-                print(f"froxel-ref: {done} of {count} {unit}{named}, about {_span(left)} left", file=sys.stderr,
-                      flush=True)
+                print(f"froxel-ref: {done} of {count} {unit}{named}{ahead}", file=sys.stderr, flush=True)
 
     return tell
 

@@ -118,14 +118,15 @@ def run_truth(args: argparse.Namespace, load: Callable[[Any], Loaded]) -> None:
         found = write_truth(partial, image, frame, loaded, options)
     for line in _summary(image, options):
         print(line)
-    print(f"{_frame(frame)}: half of the pixels within {found.median:.1e} of the truth, worst {found.worst:.1e} at "
-          f"pixel x {found.pixel[0]}, y {found.pixel[1]}; RMS difference {found.rms:.1e} of the mean radiance")
+    print(f"{_frame(frame, options)}: half of the pixels within {found.median:.1e} of the truth, worst "
+          f"{found.worst:.1e} at pixel x {found.pixel[0]}, y {found.pixel[1]}; RMS difference {found.rms:.1e} of the mean radiance")
     print(folder / CONTACT_SHEET)
 
 
-def _frame(frame: Frame) -> str:
+def _frame(frame: Frame, options: Options) -> str:
     grid = frame.settings.grid
-    return f"frame ({grid.width} x {grid.height} x {grid.depth} froxels, {frame.settings.precision})"
+    lacks = "; without the shadows of media, which frames do not have yet" if options.volumetric_shadows else ""
+    return f"frame ({grid.width} x {grid.height} x {grid.depth} froxels, {frame.settings.precision}{lacks})"
 
 
 def _summary(image: TruthImage, options: Options) -> list[str]:

@@ -58,7 +58,10 @@ class Plan:
     outputs: tuple[str, ...]
 
     def __getitem__(self, name: str) -> Planned:
-        return next(planned for planned in self.stages if planned.name == name)
+        for planned in self.stages:
+            if planned.name == name:
+                return planned
+        raise KeyError(f"{name!r} is not a stage; {suggest(name, [planned.name for planned in self.stages])}")
 
     @property
     def left_out(self) -> tuple[Planned, ...]:
@@ -302,6 +305,8 @@ def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets 
     >>> frame[FINAL].shape, float(frame[FINAL].max())
     ((3, 1, 1), 0.5)
     """
+    if previous is not None and not isinstance(previous, Frame):
+        raise InputError("previous", f"is a {type(previous).__name__}, must be a Frame")
     settings = settings or Settings()
     the_plan = plan(scene, settings, outputs, force_all=force_all)
     if assets is None:

@@ -416,14 +416,20 @@ def table_panel(values: Field, width: int, *, rows: int = 12) -> Image:
     PIL.Image.Image
         The panel; says how many lines it left out.
     """
-    lines = [f"{k}:  {value}" for k, value in enumerate(values.tolist())] if values.ndim == 1 else [
-        f"{k}, {face}:   " + "   |   ".join("  ".join(f"{v:.6g}" for v in row) for row in np.atleast_2d(numbers))
+    lines = [f"{k}:  {value:.0f}" for k, value in enumerate(values.tolist())] if values.ndim == 1 else [
+        f"light {k}, face {face}:   " + "   |   ".join("  ".join(_plain(v, numbers) for v in row)
+                                                       for row in np.atleast_2d(numbers))
         for k, light in enumerate(values) for face, numbers in enumerate(light)]
     shown = lines[:rows] + ([f"and {len(lines) - rows} more"] if len(lines) > rows else [])
     image = canvas(min(width, 220 if values.ndim == 1 else 1100), 20 * len(shown) + 12, PANEL)
     for k, line in enumerate(shown):
         write(image, (8, 6 + 20 * k), line, 15, INK, image.width - 16)
     return image
+
+
+def _plain(value: float, others: Field) -> str:
+    """A number, what is nothing beside the others as 0."""
+    return "0" if abs(value) <= 1e-12 * float(np.abs(others).max()) else f"{value:.6g}"
 
 
 def curve_panel(values: Field, width: int, height: int, label: str = "slice") -> Image:

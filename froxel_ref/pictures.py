@@ -29,9 +29,9 @@ __all__ = [
 
 PAGE, MARGIN, GAP, HEAD, FOOT = 2400, 48, 24, 34, 60
 # Of shadow maps, texels shown of a face, faces in a row; and axes of arrays that are read, not looked at.
-MAP_TEXELS, MAPS_ACROSS, TABLES = 256, 12, ("m", "mfij", "mfe")
+MAP_TEXELS, MAPS_ACROSS, TABLES = 256, 6, ("m", "mfij", "mfe", "n")
 SLIM, NARROW = 30, 300  # no picture on top is lower or narrower than this, with its words [px]
-COUNTED = {"l": "lobe", "n": "place", "eb": "bin"}
+COUNTED = {"l": "lobe", "eb": "red: first place, green: last, red above: none; bin"}
 HERO = ("apply/radiance", "surface/radiance", "apply/fog_radiance", "apply/fog_transmittance",
         "surface/depth")
 
@@ -131,8 +131,10 @@ def _mosaic(maps: Field) -> Field:
     count = -(-lights // beside)
     filled = np.full((count * beside, *small.shape[1:]), np.inf, maps.dtype)
     filled[:lights] = small
-    parts = filled.reshape(count, beside, faces, *small.shape[2:])
-    image: Field = parts.transpose(0, 3, 1, 2, 4).reshape(count * small.shape[2], -1)
+    gap = max(1, small.shape[2] // 32)
+    filled = np.pad(filled, ((0, 0), (0, 0), (gap, gap), (gap, gap)), constant_values=np.inf)
+    parts = filled.reshape(count, beside, faces, *filled.shape[2:])
+    image: Field = parts.transpose(0, 3, 1, 2, 4).reshape(count * filled.shape[2], -1)
     return image
 
 
@@ -218,11 +220,13 @@ def _framed(body: Image, name: str, array: Field, quantity: Quantity, display: D
             min_width: int = 0) -> Image:
     """A picture with its name and unit above, its range and axes below."""
     width = max(body.width, min_width)
-    if quantity.axes.startswith("m"):
+    if quantity.axes.startswith("m") or quantity.axes in TABLES:
         return _framed_maps(body, name, array, quantity, display, width)
     axes, unit = varying(array, quantity), f"  [{quantity.unit}]" if quantity.unit != "1" else ""
     same = _equal(channel_first(array, quantity))
     carried = "the same everywhere" if same else f"varies along {', '.join(axes) or 'its lobes'}"
+    if quantity.axes == "eb":
+        carried = "the places, in the order by depth, between which the lights or media of a bin lie"
     if quantity.axes == "wvu":
         carried = f"bits set, of {array.shape[1]} rows of {array.shape[2]} tiles"
     picture = canvas(width, body.height + HEAD + FOOT)
@@ -251,6 +255,10 @@ def _framed_maps(body: Image, name: str, array: Field, quantity: Quantity, displ
     size = " x ".join(str(n) for n in array.shape[2:])
     faces = f" with {array.shape[1]} face{'s' * (array.shape[1] > 1)} of {size}" if array.ndim > 1 else ""
     words = f"{array.shape[0]} light{'s' * (len(array) > 1)}{faces}"
+    if quantity.axes == "n":
+        words = f"{len(array)} in their order by depth"
+    elif not table:
+        words += ", a light's side by side; grey: nothing is hit"
     write(picture, (0, foot), words, 16, FAINT, width)
     return picture
 

@@ -119,6 +119,8 @@ class ShadowMaps(Record):
                                within=(0.0, LONGEST))
     normal_bias: float = number(1.0, "how far a surface is lifted, 1 being what a plane needs", at_least=0.0,
                                 within=(0.0, LONGEST))
+    corner_bias: float = number(2.0, "how much nearer to the light a surface is taken, in what the kernel spans there",
+                                at_least=0.0, within=(0.0, LONGEST))
     border: int | None = integer(None, "texels around each face for filters to reach into; as many as they need unless "
                                        "given", optional=True, at_least=0, at_most=4096)
     exponent: float = number(80.0, "exponential maps: over the light's range [Annen 2008]", above=0.0,

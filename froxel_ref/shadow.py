@@ -314,7 +314,8 @@ def _span(light: Light, depth: Field, matrix: Matrix) -> Matrix:
 # --- one light's map --------------------------------------------------------------------------------
 
 
-def map_of(stack: Stack, k: int, kind: str, light: Light, *, maps: ShadowMaps) -> ShadowMap:
+def map_of(stack: Stack, k: int, kind: str, light: Light, *, maps: ShadowMaps,
+           given: Mapping[str, Field] | None = None) -> ShadowMap:
     """Take one light's map out of a stack, for `sight`.
 
     Parameters
@@ -327,7 +328,7 @@ def map_of(stack: Stack, k: int, kind: str, light: Light, *, maps: ShadowMaps) -
         The stack's.
     light : Light
         That light.
-    maps : ShadowMaps
+    maps, given
         As for `make_stack`.
 
     Returns
@@ -342,8 +343,7 @@ def map_of(stack: Stack, k: int, kind: str, light: Light, *, maps: ShadowMaps) -
     'cube'
     """
     name = maps.point_map if kind == "point" else kind
-    # Engines hold depths in float32 at best.
-    eps = 0.0 if light.shadow_map is None else float(np.finfo(np.float32).eps)
+    eps = 0.0 if light.shadow_map is None or given is None else float(np.finfo(given[light.shadow_map].dtype).eps)
     if maps.technique != "exponential":
         return ShadowMap(name, stack.depth[k], stack.matrix[k], eps=eps)
     low, high = stack.span[k].T

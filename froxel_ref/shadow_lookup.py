@@ -24,6 +24,9 @@ TINY = 1e-30
 # A lifted point stays on its side of the light: the least share of 1 − k·n in `_lift`.
 LEAST = 0.25
 
+# Of a texel, the way to its corner.
+DIAGONAL = 2.0 ** 0.5
+
 # Times the rounding of a coordinate: how far a surface's own points may stray from its map's depth.
 ROUNDINGS = 32.0
 
@@ -155,13 +158,15 @@ def _lift(maps: ShadowMaps, spread: Field, depth: Field, facing: Field) -> Field
     return np.asarray(maps.normal_bias * depth * spread / np.maximum(1.0 - spread * facing, LEAST))
 
 
-def _biased(depth: Field, maps: ShadowMaps, slope: Field | None) -> Field:
-    """The receiver's depth with the constant and the slope's bias."""
+def _biased(depth: Field, maps: ShadowMaps, slope: Field | None, span: Field | float = 0.0) -> Field:
+    """The receiver's depth with the constant, the slope's and the corner's bias; ``span`` is what a kernel spans."""
     if maps.constant_bias:
         depth = depth - maps.constant_bias
     if slope is not None:
         depth = depth - maps.slope_bias * slope
-    return depth
+    if maps.corner_bias and np.any(span):
+        depth = depth - maps.corner_bias * span
+    return np.asarray(depth)
 
 
 # --- directional lights -----------------------------------------------------------------------------
@@ -193,7 +198,8 @@ def _cascade(shadow_map: ShadowMap, maps: ShadowMaps, points: Points, normal: Po
         if maps.slope_bias:
             slope = np.maximum(np.abs(nx), np.abs(ny)) / (steps * np.maximum(np.abs(nz), TINY))
     tx, ty, tz = (matrix[:, i, 3].astype(dtype).take(last) for i in range(3))
-    return _Place(face, x * steps + tx, y * steps + ty, _biased(z + tz, maps, slope))
+    span = 0.0 if normal is None else DIAGONAL * kernel_reach(maps.kernel) / steps
+    return _Place(face, x * steps + tx, y * steps + ty, _biased(z + tz, maps, slope, span))
 
 
 # --- lamps ------------------------------------------------------------------------------------------
@@ -208,7 +214,8 @@ def _spot(shadow_map: ShadowMap, maps: ShadowMaps, points: Points, normal: Point
         lift = _plane_lift(maps, local, turned, scale) + _rounding(shadow_map, points, origin)
         slope = _plane_slope(maps, local, turned, scale)
         away = _moved(away, lift, normal)
-    return _on_plane([_along(axis, away) for axis in axes], scale, shadow_map, maps, slope, 0)
+    local = [_along(axis, away) for axis in axes]
+    return _on_plane(local, scale, shadow_map, maps, slope, 0, surface=normal is not None)
 
 
 def _frame(matrix: Matrix, size: int) -> tuple[Matrix, Matrix, float]:
@@ -246,13 +253,14 @@ def _plane_slope(maps: ShadowMaps, local: Sequence[Field], normal: Sequence[Fiel
 
 
 def _on_plane(local: Sequence[Field], scale: float, shadow_map: ShadowMap, maps: ShadowMaps, slope: Field | None,
-              face: Integers | int) -> _Place:
+              face: Integers | int, *, surface: bool) -> _Place:
     """Where points, along a face's right, down and axis from the light, meet its plane."""
     u, v, t = local
     half = 0.5 * shadow_map.depth.shape[-1]
     over = scale / np.maximum(t, TINY)
+    span = DIAGONAL * kernel_reach(maps.kernel) / scale * t if surface else 0.0
     with np.errstate(over="ignore"):  # points beside or behind the light are looked up at the border
-        return _Place(face, u * over + half, v * over + half, _biased(t, maps, slope))
+        return _Place(face, u * over + half, v * over + half, _biased(t, maps, slope, span))
 
 
 def cube_faces(x: Field, y: Field, z: Field) -> tuple[Integers, Any]:
@@ -308,7 +316,7 @@ def _cube(shadow_map: ShadowMap, maps: ShadowMaps, points: Points, normal: Point
             lift = np.maximum(lift, _plane_lift(maps, other(*away), other(*normal), scale))
         away = _moved(away, lift + rounding, normal)
     face, turn = cube_faces(*away)
-    return _on_plane(turn(*away), scale, shadow_map, maps, slope, face)
+    return _on_plane(turn(*away), scale, shadow_map, maps, slope, face, surface=normal is not None)
 
 
 def octahedral_square(x: Field, y: Field, z: Field) -> tuple[Field, Field]:
@@ -365,4 +373,5 @@ def _octahedron(shadow_map: ShadowMap, maps: ShadowMaps, points: Points, normal:
     half = np.asarray(0.5 * inner, u.dtype)
     middle = np.asarray(0.5 * size, u.dtype)
     distance = np.sqrt(x * x + y * y + z * z)
-    return _Place(0, u * half + middle, v * half + middle, _biased(distance, maps, slope))
+    span = 0.0 if normal is None else turn * distance
+    return _Place(0, u * half + middle, v * half + middle, _biased(distance, maps, slope, span))

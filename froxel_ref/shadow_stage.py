@@ -261,14 +261,14 @@ def _shape(surface: Surface, assets: Assets) -> Hashable:
 # --- what lights see --------------------------------------------------------------------------------
 
 
-def map_sights(results: Mapping[str, Any], scene: Scene, settings: Settings) -> Visibility:
+def map_sights(results: Mapping[str, Any], scene: Scene, settings: Settings, assets: Assets) -> Visibility:
     """What hides each light, by the shadow maps among a frame's results.
 
     Parameters
     ----------
     results : mapping of str to ndarray
         With all of `NAMES`.
-    scene, settings
+    scene, settings, assets
         As for `shadow_maps`.
 
     Returns
@@ -278,14 +278,15 @@ def map_sights(results: Mapping[str, Any], scene: Scene, settings: Settings) -> 
 
     Examples
     --------
-    >>> map_sights(empty_maps(Settings()), Scene(), Settings())
+    >>> map_sights(empty_maps(Settings()), Scene(), Settings(), None)
     {}
     """
     found: dict[int, Sight] = {}
     for kind in KINDS:
         stack = Stack(*(results[name] for name in NAMES[kind]))
         for k, number in enumerate(stack.light.tolist()):
-            shadow_map = map_of(stack, k, kind, scene.all_lights[number], maps=settings.shadow_maps)
+            shadow_map = map_of(stack, k, kind, scene.all_lights[number], maps=settings.shadow_maps,
+                                given=assets.shadow_maps)
             found[number] = sight(shadow_map, maps=settings.shadow_maps, outside=settings.beyond_cascades)
     return found
 

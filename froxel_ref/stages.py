@@ -217,7 +217,7 @@ def _shadow_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
 def _visibility(job: Job, results: Results) -> Visibility:
     """What hides each light; where all is forced, an explicit 1 for those that nothing hides."""
     how = job.settings.shadows
-    found = dict(shadow_stage.map_sights(results, job.scene, job.settings) if how == "maps" else
+    found = dict(shadow_stage.map_sights(results, job.scene, job.settings, job.assets) if how == "maps" else
                  shadow_stage.exact_sights(job.scene, job.assets) if how == "exact" else {})
 
     def seen(points: Points, normal: Points | None = None) -> Field:

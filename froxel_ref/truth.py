@@ -136,7 +136,11 @@ def trace(scene: Scene, origins: ArrayLike, directions: ArrayLike, ends: ArrayLi
     >>> print(truth.radiance[0], (1 - np.exp(-1)) / np.pi)
     [0.20121022] 0.20121022313515236
     """
-    settings = settings or Settings()
+    if not isinstance(scene, Scene):
+        raise InputError("scene", f"is a {type(scene).__name__}, must be a Scene, as froxel_ref.load gives it")
+    settings = Settings() if settings is None else settings
+    if not isinstance(settings, Settings):
+        raise InputError("settings", f"is a {type(settings).__name__}, must be Settings, as froxel_ref.load gives them")
     check_options(rtol, shadows, sun_distance)
     check_limits(volumetric_shadows, limit_rounds, limit_intervals, threads)
     lines = make_lines(origins, directions, starts, ends)

@@ -100,7 +100,7 @@ def write_truth(folder: Path, image: TruthImage, frame: Frame, loaded: Loaded, o
     write_png(folder / CONTACT_SHEET, overview(
         image, shown, view, title=loaded.scene.name or "unnamed scene", facts=str(options),
         frame_facts=f"{grid.width} x {grid.height} x {grid.depth} froxels, {frame.settings.precision}, "
-                    f"{frame.settings.fidelity}"))
+                    f"{frame.settings.fidelity}, shadows {_shadows(frame, options)}"))
     found = difference(shown, image.radiance)
     manifest = _manifest(image, loaded, options, found) | {"arrays": entries}
     text = json.dumps(manifest, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
@@ -117,6 +117,12 @@ def _write(folder: Path, name: str, image: TruthImage) -> dict[str, Any]:
     return {"name": name, "file": f"{name}.npy", "shape": list(view.shape),
             "dtype": view.dtype.newbyteorder("<").str, "axes": ["y", "x", "channel"][:view.ndim], "unit": unit,
             "about": about, "sha256": sha256}
+
+
+def _shadows(frame: Frame, options: Options) -> str:
+    """What the frame's shadows are, and what of the truth's they lack."""
+    by = {"maps": "by maps", "exact": "by rays", "off": "off"}[frame.settings.shadows]
+    return by + (", none of media" if options.volumetric_shadows else "")
 
 
 def _manifest(image: TruthImage, loaded: Loaded, options: Options, found: Difference) -> dict[str, Any]:

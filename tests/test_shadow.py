@@ -315,7 +315,8 @@ def test_without_its_lift_a_plane_has_acne(name):
     light = {"directional": DirectionalLight(direction=(0, 1, 0), irradiance=WHITE),
              "spot": SpotLight(position=(0, 4, 0), direction=(0, -1, 0), intensity=WHITE, outer_angle=40)}.get(
                  name, PointLight(position=(0, 4, 0), intensity=WHITE))
-    see = looker(name, maps_for(name, normal_bias=0.0), surfaces=(Plane(normal=tuple(n.tolist())),), light=light)
+    maps = maps_for(name, normal_bias=0.0, corner_bias=0.0)
+    see = looker(name, maps, surfaces=(Plane(normal=tuple(n.tolist())),), light=light)
     share = see(tuple(points), tuple(np.full(2000, c) for c in n))
     assert share.mean() < 0.9
 
@@ -331,17 +332,37 @@ def test_the_usual_biases_light_a_plane_too(name, bias, value):
                  name, PointLight(position=(0, 4, 0), intensity=WHITE))
     seen = []
     for factor in (1.0, 0.02):
-        maps = maps_for(name, normal_bias=0.0, **{bias: value * factor})
+        maps = maps_for(name, normal_bias=0.0, corner_bias=0.0, **{bias: value * factor})
         see = looker(name, maps, surfaces=(Plane(normal=tuple(n.tolist())),), light=light)
         seen.append(see(tuple(points), tuple(np.full(2000, c) for c in n)))
     assert (seen[0] == 1.0).all()
     assert (seen[1] < 1.0).any()
 
 
+@pytest.mark.parametrize("kernel", [0, 1, 3])
+@pytest.mark.parametrize("name", LIGHTS)
+def test_corners_are_not_dark(name, kernel):
+    """Where a floor meets a wall, texels across the corner lie on the other one: both stay lit up to it."""
+    surfaces = (Plane(), Plane(point=(0, 0, -5), normal=(0, 0, 1)))
+    light = {"directional": DirectionalLight(direction=(0.2, 1.0, 0.8), irradiance=WHITE),
+             "spot": SpotLight(position=(0.5, 4, -1), direction=(0, -1, -1), intensity=WHITE, outer_angle=40)}.get(
+                 name, PointLight(position=(0.5, 4, -1), intensity=WHITE))
+    x, near = np.meshgrid(np.linspace(-1.0, 1.0, 101), np.geomspace(1e-4, 0.3, 60))
+    dark = False
+    for turned, points in ((np.array([0.0, 1.0, 0.0]), (x, 0 * x, near - 5.0)),
+                           (np.array([0.0, 0.0, 1.0]), (x, near, 0 * x - 5.0))):
+        normal = tuple(np.full(x.shape, c) for c in turned)
+        biased, bare = (looker(name, maps_for(name, kernel=kernel, corner_bias=b), surfaces=surfaces, light=light)(
+            points, normal) for b in (2.0, 0.0))
+        assert (biased == 1.0).all()
+        dark |= bool((bare < 1.0).any())
+    assert dark or kernel < 3
+
+
 def test_media_are_not_biased():
     """A froxel's sample lies on no surface: only a constant bias, if one is set, moves it."""
     see = looker("spot", maps_for("spot", kernel=0))
-    lifted = looker("spot", maps_for("spot", kernel=0, normal_bias=9.0, slope_bias=9.0))
+    lifted = looker("spot", maps_for("spot", kernel=0, normal_bias=9.0, slope_bias=9.0, corner_bias=9.0))
     rng = np.random.default_rng(10)
     points = tuple(rng.uniform(low, high, 5000) for low, high in ((-3, 3), (0, 3), (-8, -1)))
     assert np.array_equal(see(points), lifted(points))
@@ -603,6 +624,9 @@ def test_maps_made_elsewhere_are_used(tmp_path):
     second = run_frame(given, how, assets=load_assets(given, tmp_path))
     assert np.array_equal(first["shadow/directional_depth"], second["shadow/directional_depth"])
     np.testing.assert_allclose(second[FINAL], first[FINAL], rtol=1e-3)
+    # In float64 they are the very maps: nothing changes.
+    np.save(tmp_path / "lamp.npy", first["shadow/point_depth"][3])
+    assert np.array_equal(run_frame(given, how, assets=load_assets(given, tmp_path))[FINAL], first[FINAL])
     np.save(tmp_path / "sun.npy", np.full((4, 128, 128), np.inf))
     lit = run_frame(given, how, assets=load_assets(given, tmp_path))
     assert lit[FINAL].mean() > 1.02 * second[FINAL].mean()
@@ -692,5 +716,5 @@ def test_results_do_not_depend_on_threads_or_blocks():
 
 def test_map_sights_are_those_of_the_lights():
     scene, how, assets = hall()
-    sees = map_sights(shadow_maps(scene, how, assets), scene, how)
+    sees = map_sights(shadow_maps(scene, how, assets), scene, how, assets)
     assert sorted(sees) == list(range(10))
