@@ -119,7 +119,8 @@ def run_truth(args: argparse.Namespace, load: Callable[[Any], Loaded]) -> None:
     for line in _summary(image, options):
         print(line)
     print(f"{_frame(frame, options)}: half of the pixels within {found.median:.1e} of the truth, worst "
-          f"{found.worst:.1e} at pixel x {found.pixel[0]}, y {found.pixel[1]}; RMS difference {found.rms:.1e} of the mean radiance")
+          f"{found.worst:.1e} at pixel x {found.pixel[0]}, y {found.pixel[1]}; RMS difference {found.rms:.1e} of the "
+          "mean radiance")
     print(folder / CONTACT_SHEET)
 
 
