@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from froxel_ref.arrays import Field
-from froxel_ref.display import NOTHING, Bytes, Display, grey, ramp_colours
+from froxel_ref.display import Bytes, Display
 from froxel_ref.grid import depth_to_slice, slice_to_depth
 from froxel_ref.scene import Camera
 from froxel_ref.settings import Grid
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 __all__ = [
-    "AMBER", "FAINT", "INK", "PANEL", "PAPER", "View", "canvas", "chosen_slices", "curve_panel", "drawable",
-    "image_panel", "legend", "plan_panel", "scaled", "slices_panel", "swatch", "table_panel", "tile_size", "write",
+    "AMBER", "FAINT", "INK", "PANEL", "PAPER", "View", "canvas", "chosen_slices", "drawable",
+    "image_panel", "plan_panel", "scaled", "slices_panel", "swatch", "tame", "tile_size", "write",
 ]
 
 PAPER, PANEL = (22, 24, 28), (34, 37, 43)
@@ -269,7 +269,7 @@ def chosen_slices(values: Field, count: int) -> list[int]:
     if depth <= count:
         return list(range(depth))
     flat = values.reshape(values.shape[0], depth, -1)
-    flat = _tame(flat[:, :, :: max(1, flat.shape[2] // 4096)])
+    flat = tame(flat[:, :, :: max(1, flat.shape[2] // 4096)])
     step = np.abs(np.diff(flat, axis=1)).max(axis=(0, 2))
     changes = np.flatnonzero(step > 1e-3 * step.max())
     first, last = (int(changes[0]), int(changes[-1]) + 1) if changes.size else (0, depth - 1)
@@ -277,8 +277,23 @@ def chosen_slices(values: Field, count: int) -> list[int]:
     return sorted({0, depth - 1, *(round(k) for k in inner.tolist())})
 
 
-def _tame(values: Field) -> Field:
-    """Values of which every difference is finite."""
+def tame(values: Field) -> Field:
+    """Values of which every difference is finite.
+
+    Parameters
+    ----------
+    values : ndarray, any shape
+
+    Returns
+    -------
+    ndarray, float64, of the same shape
+        Within ±1e300; 0 for NaN.
+
+    Examples
+    --------
+    >>> tame(np.array([np.nan, np.inf])).tolist()
+    [0.0, 1e+300]
+    """
     return np.clip(np.nan_to_num(np.asarray(values, np.float64), nan=0.0), -1e300, 1e300)
 
 
@@ -396,113 +411,4 @@ def plan_panel(values: Field, display: Display, view: View, width: int, height: 
     image.paste(Image.fromarray(colours.astype(np.uint8)), ((image.width - wide) // 2, image.height - tall))
     write(image, (6, image.height - 46), "middle row from", 17, FAINT, 150)
     write(image, (6, image.height - 24), f"above, {grid.far:.4g} m", 17, FAINT, 150)
-    return image
-
-
-def table_panel(values: Field, width: int, *, rows: int = 12) -> Image:
-    """Numbers as text, a line for each entry of the first axes.
-
-    Parameters
-    ----------
-    values : ndarray, shape (m,), (m, faces, n) or (m, faces, 3, 4)
-        Indices, or numbers of a face, of which each is a line.
-    width : int
-        The most that the panel may take [px].
-    rows : int
-        The most lines.
-
-    Returns
-    -------
-    PIL.Image.Image
-        The panel; says how many lines it left out.
-    """
-    lines = [f"{k}:  {value:.0f}" for k, value in enumerate(values.tolist())] if values.ndim == 1 else [
-        f"light {k}, face {face}:   " + "   |   ".join("  ".join(_plain(v, numbers) for v in row)
-                                                       for row in np.atleast_2d(numbers))
-        for k, light in enumerate(values) for face, numbers in enumerate(light)]
-    shown = lines[:rows] + ([f"and {len(lines) - rows} more"] if len(lines) > rows else [])
-    image = canvas(min(width, 220 if values.ndim == 1 else 1100), 20 * len(shown) + 12, PANEL)
-    for k, line in enumerate(shown):
-        write(image, (8, 6 + 20 * k), line, 15, INK, image.width - 16)
-    return image
-
-
-def _plain(value: float, others: Field) -> str:
-    """A number, what is nothing beside the others as 0."""
-    return "0" if abs(value) <= 1e-12 * float(np.abs(others).max()) else f"{value:.6g}"
-
-
-def curve_panel(values: Field, width: int, height: int, label: str = "slice") -> Image:
-    """A one-dimensional array as a curve over its index.
-
-    Parameters
-    ----------
-    values : ndarray, shape (C, n) or (C, D, 1, 1)
-        One curve for each channel.
-    width, height : int
-        Size of the picture [px].
-    label : str
-        What the index counts.
-
-    Returns
-    -------
-    PIL.Image.Image
-        The curves, with the range beside them.
-    """
-    from PIL import ImageDraw
-
-    image = canvas(width, height, PANEL)
-    line = _tame(values.reshape(values.shape[0], -1))
-    left, right, top, bottom = 64, width - 14, 12, height - 26
-    low, high = float(min(0.0, line.min())), float(line.max()) or 1.0
-    draw = ImageDraw.Draw(image)
-    for share in (0.0, 0.5, 1.0):
-        y = bottom - share * (bottom - top)
-        draw.line([(left, y), (right, y)], fill=NOTHING)
-        write(image, (left - 6, y), f"{low + share * (high - low):.3g}", 14, FAINT, anchor="rm")
-    colours = [INK] if len(line) == 1 else [(255, 110, 100), (110, 220, 120), (110, 160, 255)]
-    for channel, colour in zip(line, colours[:len(line)], strict=True):
-        xs = left + (right - left) * (np.arange(len(channel)) + 0.5) / len(channel)
-        ys = bottom - (channel - low) / (high - low) * (bottom - top)
-        points = list(zip(xs.tolist(), ys.tolist(), strict=True))
-        draw.line(points if len(points) > 1 else points * 2, fill=colour, width=2)
-    last = f"{label} 0 to {line.shape[1] - 1}"
-    write(image, ((left + right) / 2, height - 6), last, 14, FAINT, anchor="mb")
-    return image
-
-
-def legend(display: Display, width: int, *, plain: bool = False) -> Image:
-    """The range of the values in words, with the ramp beside it where there is one.
-
-    Parameters
-    ----------
-    display : Display
-        How values become colours.
-    width : int
-        Of the picture [px].
-    plain : bool
-        Whether to give the range alone.
-
-    Returns
-    -------
-    PIL.Image.Image
-        A line, 26 pixels high.
-    """
-    from PIL import Image
-
-    image, x = canvas(width, 26), 0
-    if not plain and display.kind not in ("radiance", "normal"):
-        bar_width = min(100, width // 4)
-        # A bar of colours shows what becomes of greys: all channels alike.
-        share, low = np.linspace(0.0, 1.0, bar_width), 0.0 if display.kind == "colour" else display.low
-        if display.kind == "unit":
-            bar = grey(np.broadcast_to(share, (1, 14, bar_width)))
-        elif display.kind in ("scalar", "depth", "span"):
-            bar = np.broadcast_to(ramp_colours(share), (14, bar_width, 3))
-        else:
-            bar = display.paint(np.broadcast_to(low * (1.0 - share) + display.high * share, (3, 14, bar_width)))
-        image.paste(Image.fromarray(np.ascontiguousarray(bar)), (0, 6))
-        x = bar_width + 8
-    words = f"{display.low:.4g} to {display.high:.4g}" if plain else display.label()
-    write(image, (x, 2), words, 18, FAINT, width - x)
     return image

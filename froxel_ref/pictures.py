@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from froxel_ref import panels
+from froxel_ref import number_panels, panels
 from froxel_ref.arrays import Field
 from froxel_ref.culling import lights_per_tile
 from froxel_ref.display import Bytes, Display, display_for, to_srgb8
@@ -190,11 +190,11 @@ def _body(name: str, values: Field, quantity: Quantity, display: Display, view: 
           slices: tuple[int, int], target: int, box: tuple[int, int], width: int) -> Image:
     """The picture itself, by which of z, y, x the values vary on."""
     if quantity.axes in TABLES:
-        return panels.table_panel(values[0], width)
+        return number_panels.table_panel(values[0], width)
     if _equal(values):
         return panels.swatch(values, display, 300, 84)
     if _along_one(values):
-        return panels.curve_panel(values, min(560, box[0]), 220, COUNTED.get(quantity.axes, "slice"))
+        return number_panels.curve_panel(values, min(560, box[0]), 220, COUNTED.get(quantity.axes, "slice"))
     if quantity.axes == "wvu":
         return panels.scaled(display.paint(values), box[0], box[1])
     if values.ndim == 3:
@@ -235,7 +235,7 @@ def _framed(body: Image, name: str, array: Field, quantity: Quantity, display: D
     foot = HEAD + body.height + 4
     if not same:
         plain = _along_one(channel_first(array, quantity))
-        picture.paste(panels.legend(display, width, plain=plain), (0, foot))
+        picture.paste(number_panels.legend(display, width, plain=plain), (0, foot))
         foot += 27
     write(picture, (0, foot), carried, 18, FAINT, width)
     return picture
@@ -250,7 +250,7 @@ def _framed_maps(body: Image, name: str, array: Field, quantity: Quantity, displ
     picture.paste(body, (0, HEAD))
     foot = HEAD + body.height + 4
     if not table:
-        picture.paste(panels.legend(display, width), (0, foot))
+        picture.paste(number_panels.legend(display, width), (0, foot))
         foot += 23
     size = " x ".join(str(n) for n in array.shape[2:])
     faces = f" with {array.shape[1]} face{'s' * (array.shape[1] > 1)} of {size}" if array.ndim > 1 else ""

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from froxel_ref import panels
+from froxel_ref import number_panels, panels
 from froxel_ref.display import (
     NOTHING,
     Display,
@@ -129,7 +129,7 @@ def test_colours_have_a_scale(name: str) -> None:
     """A bar that begins with the colour of the lowest value and ends with that of the largest."""
     values = np.random.default_rng(6).random((3, 4, 4, 4)) * 0.5 + 0.25
     display = display_for(name, values)
-    bar = np.asarray(panels.legend(display, 400))[12, :100]
+    bar = np.asarray(number_panels.legend(display, 400))[12, :100]
     low = 0.0 if display.kind == "colour" else display.low
     for pixel, value in ((bar[0], low), (bar[-1], display.high)):
         np.testing.assert_array_equal(pixel, display.paint(np.full((3, 1), value))[0])
