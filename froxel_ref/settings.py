@@ -119,7 +119,7 @@ class ShadowMaps(Record):
                                within=(0.0, LONGEST))
     normal_bias: float = number(1.0, "how far a surface is lifted, 1 being what a plane needs", at_least=0.0,
                                 within=(0.0, LONGEST))
-    corner_bias: float = number(2.0, "how much nearer to the light a surface is taken, in what the kernel spans there",
+    corner_bias: float = number(2.0, "how much nearer to the light a surface is taken, in diagonals of a texel there",
                                 at_least=0.0, within=(0.0, LONGEST))
     border: int | None = integer(None, "texels around each face for filters to reach into; as many as they need unless "
                                        "given", optional=True, at_least=0, at_most=4096)

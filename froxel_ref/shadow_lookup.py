@@ -28,7 +28,10 @@ LEAST = 0.25
 DIAGONAL = 2.0 ** 0.5
 
 # Times the rounding of a coordinate: how far a surface's own points may stray from its map's depth.
-ROUNDINGS = 32.0
+ROUNDINGS = 8.0
+
+# Of a lamp's depth, the most that corner_bias may take.
+CORNER = 0.125
 
 
 class ShadowMap(NamedTuple):
@@ -153,19 +156,35 @@ def _rounding(shadow_map: ShadowMap, points: Points, origin: Matrix) -> Field:
     return np.asarray((np.abs(x) + np.abs(y) + np.abs(z) + float(np.abs(origin).sum())) * eps)
 
 
+def _reach(maps: ShadowMaps) -> float:
+    """How far from a point what it is compared with may lie [texels]; exponential maps compare with their mean."""
+    return 0.5 if maps.technique == "exponential" else kernel_reach(maps.kernel)
+
+
+def _least_reach(maps: ShadowMaps) -> float:
+    """The same, no more than that of bilinear comparisons: wider kernels soften a corner's line by themselves."""
+    return min(_reach(maps), 1.0)
+
+
 def _lift(maps: ShadowMaps, spread: Field, depth: Field, facing: Field) -> Field:
     """How far to lift points of a plane: depth'·spread, depth' = depth + lift·facing."""
     return np.asarray(maps.normal_bias * depth * spread / np.maximum(1.0 - spread * facing, LEAST))
 
 
-def _biased(depth: Field, maps: ShadowMaps, slope: Field | None, span: Field | float = 0.0) -> Field:
-    """The receiver's depth with the constant, the slope's and the corner's bias; ``span`` is what a kernel spans."""
+def _biased(depth: Field, maps: ShadowMaps, slope: Field | None, span: Field | float = 0.0, most: float | None = None
+            ) -> Field:
+    """The receiver's depth with the constant, the slope's and the corner's bias.
+
+    ``span`` is a texel's diagonal there, ``most`` the share of the depth that the corner's bias may take: texels
+    so coarse that it took all would light everything.
+    """
     if maps.constant_bias:
         depth = depth - maps.constant_bias
     if slope is not None:
         depth = depth - maps.slope_bias * slope
     if maps.corner_bias and np.any(span):
-        depth = depth - maps.corner_bias * span
+        depth = depth - maps.corner_bias * span if most is None else np.maximum(
+            depth - maps.corner_bias * span, (1.0 - most) * depth)
     return np.asarray(depth)
 
 
@@ -192,13 +211,13 @@ def _cascade(shadow_map: ShadowMap, maps: ShadowMaps, points: Points, normal: Po
     slope = None
     if normal is not None:
         nx, ny, nz = (_along(axis, normal) for axis in axes)
-        spread = kernel_reach(maps.kernel) * (np.abs(nx) + np.abs(ny)) / steps
+        spread = _reach(maps) * (np.abs(nx) + np.abs(ny)) / steps
         lift = maps.normal_bias * spread + _rounding(shadow_map, points, np.zeros(3))
         x, y, z = x + lift * nx, y + lift * ny, z + lift * nz
         if maps.slope_bias:
             slope = np.maximum(np.abs(nx), np.abs(ny)) / (steps * np.maximum(np.abs(nz), TINY))
     tx, ty, tz = (matrix[:, i, 3].astype(dtype).take(last) for i in range(3))
-    span = 0.0 if normal is None else DIAGONAL * kernel_reach(maps.kernel) / steps
+    span = 0.0 if normal is None else DIAGONAL * _least_reach(maps) / steps
     return _Place(face, x * steps + tx, y * steps + ty, _biased(z + tz, maps, slope, span))
 
 
@@ -239,7 +258,7 @@ def _moved(points: Points, lift: Field, normal: Points) -> Points:
 
 def _plane_lift(maps: ShadowMaps, local: Sequence[Field], normal: Sequence[Field], scale: float) -> Field:
     """How far to lift points whose vectors and normals are given along a face's right, down and axis."""
-    spread = kernel_reach(maps.kernel) / scale * (np.abs(normal[0]) + np.abs(normal[1]))
+    spread = _reach(maps) / scale * (np.abs(normal[0]) + np.abs(normal[1]))
     return _lift(maps, spread, np.abs(local[2]), normal[2])
 
 
@@ -258,9 +277,9 @@ def _on_plane(local: Sequence[Field], scale: float, shadow_map: ShadowMap, maps:
     u, v, t = local
     half = 0.5 * shadow_map.depth.shape[-1]
     over = scale / np.maximum(t, TINY)
-    span = DIAGONAL * kernel_reach(maps.kernel) / scale * t if surface else 0.0
+    span = DIAGONAL * _least_reach(maps) / scale * t if surface else 0.0
     with np.errstate(over="ignore"):  # points beside or behind the light are looked up at the border
-        return _Place(face, u * over + half, v * over + half, _biased(t, maps, slope, span))
+        return _Place(face, u * over + half, v * over + half, _biased(t, maps, slope, span, CORNER))
 
 
 def cube_faces(x: Field, y: Field, z: Field) -> tuple[Integers, Any]:
@@ -363,7 +382,7 @@ def _octahedron(shadow_map: ShadowMap, maps: ShadowMaps, points: Points, normal:
         # A step of (1, 1) texels moves the octahedron's point by at most √6·2/inner, and the direction by that
         # over the point's own distance, which is no less than 1/√3 anywhere near.
         step = 2.0 / inner * (np.abs(x) + np.abs(y) + np.abs(z)) / distance
-        turn = kernel_reach(maps.kernel) * 6.0 ** 0.5 * step * (1.0 + 8.0 * kernel_reach(maps.kernel) / inner)
+        turn = _reach(maps) * 6.0 ** 0.5 * step * (1.0 + 8.0 * _reach(maps) / inner)
         lift = _lift(maps, turn * (sine + 0.5 * turn), distance, np.ones((), distance.dtype))
         lift = lift + _rounding(shadow_map, points, origin)
         if maps.slope_bias:
@@ -373,5 +392,5 @@ def _octahedron(shadow_map: ShadowMap, maps: ShadowMaps, points: Points, normal:
     half = np.asarray(0.5 * inner, u.dtype)
     middle = np.asarray(0.5 * size, u.dtype)
     distance = np.sqrt(x * x + y * y + z * z)
-    span = 0.0 if normal is None else turn * distance
-    return _Place(0, u * half + middle, v * half + middle, _biased(distance, maps, slope, span))
+    span = 0.0 if normal is None else 6.0 ** 0.5 * _least_reach(maps) * step * distance
+    return _Place(0, u * half + middle, v * half + middle, _biased(distance, maps, slope, span, CORNER))

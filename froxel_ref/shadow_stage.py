@@ -327,7 +327,7 @@ def exact_sights(scene: Scene, assets: Assets) -> Visibility:
 def _lifted(see: Sight) -> Sight:
     def seen(points: Points, normal: Points | None = None) -> Field:
         if normal is not None:
-            eps = 32.0 * float(np.finfo(np.result_type(*points)).eps)
+            eps = 8.0 * float(np.finfo(np.result_type(*points)).eps)
             lift = (np.abs(points[0]) + np.abs(points[1]) + np.abs(points[2])) * eps
             points = (points[0] + lift * normal[0], points[1] + lift * normal[1], points[2] + lift * normal[2])
         dtype = np.result_type(*points)

@@ -33,7 +33,7 @@ Cast: TypeAlias = Callable[[Array, Array, bool], Mask]
 # Points at which surfaces of triangles are cast at first within their bounds' shadow; a shadow or a gap
 # between two of them that is narrower can be missed. Then halvings of each change.
 CASTS, HALVINGS = 65, 44
-PLANAR = 1e-15  # of its terms, the height of a light over a plane that it lies in
+PLANAR = 4.0 * float(np.finfo(np.float64).eps)  # of its terms, the height of a light over a plane that it lies in
 SLACK = 1e-12  # of the coordinates, when corners of a shadow's cross-section are told from points outside
 NEAR = 1e-7    # share of the way to a light within which a surface does not hide itself
 
