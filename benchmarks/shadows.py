@@ -52,8 +52,7 @@ def disagreement(name: str, sizes: list[int]) -> Iterator[tuple[object, ...]]:
         for size in sizes:
             how = replace(settings, shadow_maps=sized(size, kernel=0, point_map=layout))
             sees = map_sights(shadow_maps(scene, how, assets), scene, how, assets)
-            for kind in ("directional", "spot", "point"):
-                numbers = list(map_lights(scene, kind))
+            for kind, numbers in map_lights(scene).items():
                 if not numbers or (layout == "octahedral" and kind != "point"):
                     continue
                 bad = sum(int((sees[n](truth[n][1]) != truth[n][0]).sum()) for n in numbers)

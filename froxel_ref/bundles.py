@@ -184,7 +184,6 @@ def sampling(physics: Physics) -> dict[str, Any]:
 
 
 
-
 def through(bundle: Bundle, t: Array, rows: Any = slice(None)) -> Array:
     """Transmittance from the rays' starts to points on them, shape (C, n, …)."""
     with np.errstate(under="ignore"):

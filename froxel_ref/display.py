@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from froxel_ref.arrays import Field
+from froxel_ref.quantities import FINAL
 
 __all__ = [
     "Bytes", "Display", "display_for", "grey", "ramp", "ramp_colours", "srgb_transfer", "to_srgb8",
@@ -35,7 +36,6 @@ Bytes = NDArray[np.uint8]
 
 NOT_A_NUMBER, NOTHING = (255, 0, 255), (58, 60, 66)
 WHITE_LEVEL = 4.0
-FINAL = "apply/radiance"  # the one picture that must look like a backend's own output
 _KINDS = {"depth": "depth", "slice_depth": "depth", "spot_depth": "depth", "point_depth": "depth",
           "directional_depth": "span", "normal": "normal", "albedo": "reflectance",
           "transmittance": "unit", "front_transmittance": "unit", "fog_transmittance": "unit",
@@ -336,6 +336,7 @@ def display_for(name: str, values: Field, exposure: float = 1.0) -> Display:
     low, high = (float(np.min(values, where=finite, initial=np.inf)),
                  float(np.max(values, where=finite, initial=-np.inf))) if finite.any() else (0.0, 0.0)
     if kind == "radiance":
+        # The final image alone must look like a backend's own output.
         return Display(kind, low, high, exposure if name == FINAL else _exposed(values, exposure))
     if kind == "depth":
         # A floor that runs to the horizon would take the scale from everything near.

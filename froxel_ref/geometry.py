@@ -7,6 +7,7 @@ is its view depth, so points on it are origin + per_depth·depth and no square r
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any, NamedTuple
 
@@ -17,11 +18,14 @@ from froxel_ref.arrays import Field, Points
 from froxel_ref.scene import Camera
 
 __all__ = [
-    "Lines", "Rays", "camera_rays", "clip_from_view", "crop_rays", "cross", "dot", "normalize", "ray_bounds",
-    "ray_points", "transform_points", "view_from_world", "world_from_view",
+    "CUBE", "Lines", "Rays", "camera_rays", "clip_from_view", "crop_rays", "cross", "dot", "normalize",
+    "ray_bounds", "ray_points", "transform_points", "view_from_world", "world_from_view",
 ]
 
 Matrix = NDArray[np.float64]
+
+CUBE = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+"""Corners of the cube [−1, 1]³, shape (8, 3)."""
 
 
 class Rays(NamedTuple):

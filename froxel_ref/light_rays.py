@@ -156,9 +156,8 @@ def light_rays(lights: Mapping[int, PointLight], froxels: Froxels, *, attenuatio
         chosen = [light for light, keep in zip(lights.values(), kept.tolist(), strict=True) if keep]
         q = np.array([light.position for light in chosen]).reshape(-1, 3) - froxels.rays.origin
         windowed = np.array([light.falloff == "windowed" for light in chosen], bool)
-        # Without a window any unit does; this one keeps the squares of everything small.
         radii = np.maximum([light.radius for light in chosen], TINIEST)
-        # Without a window any unit does that is not a radius.
+        # Without a window any unit does that is not a radius; this one keeps the squares of everything small.
         units = np.where(windowed, radii, np.maximum(1.0, np.hypot.reduce(q, axis=1)) * (1.0 + 2.0**-20))
         windows = _windows(boxes)
         sizes = (windows[:, 1] - windows[:, 0]) * (windows[:, 3] - windows[:, 2])

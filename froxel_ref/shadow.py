@@ -120,9 +120,8 @@ def _reaches(light: Light, surface: Surface) -> bool:
         return True
     place = np.asarray(light.position)
     if isinstance(surface, Plane):
-        normal = np.asarray(surface.normal)
-        size = float(np.sqrt((normal / np.abs(normal).max()) @ (normal / np.abs(normal).max())))
-        away = abs(float((normal / np.abs(normal).max()) @ (place - surface.point))) / size
+        normal = np.asarray(surface.normal) / np.max(np.abs(surface.normal))
+        away = abs(float(normal @ (place - surface.point))) / float(np.sqrt(normal @ normal))
     elif isinstance(surface, Sphere):
         away = float(np.linalg.norm(place - surface.center)) - surface.radius
     elif isinstance(surface, Box):
@@ -213,8 +212,8 @@ def make_stack(kind: str, lights: Mapping[int, Light], casting: Sequence[Caster]
     depth = np.empty((len(lights), *shape), dtype)
     matrix = np.empty((len(lights), shape[0], 3, 4))
     tasks: list[Callable[[], None]] = []
+    octahedral = kind == "point" and maps.point_map == "octahedral"
     for k, light in enumerate(lights.values()):
-        octahedral = kind == "point" and maps.point_map == "octahedral"
         views = [] if octahedral else _views(light, camera, grid, maps)
         matrix[k] = _relative(light) if octahedral else [raster_from_world(view) for view in views]
         if light.shadow_map is not None:
@@ -225,7 +224,7 @@ def make_stack(kind: str, lights: Mapping[int, Light], casting: Sequence[Caster]
         else:
             tasks += [_task(casting, view, depth[k, face]) for face, view in enumerate(views)]
     blocks.run(lambda task: task(), tasks, threads=threads)
-    if kind == "point" and maps.point_map == "octahedral":
+    if octahedral:
         _glue(depth, maps.edge)
     numbers = np.array(list(lights), np.int64)
     if maps.technique != "exponential":

@@ -13,7 +13,7 @@ from froxel_ref.settings import ShadowMaps
 from froxel_ref.shadow_filters import compare, exponential_visibility, kernel_reach
 from froxel_ref.shadow_views import CASCADE_EDGE
 
-__all__ = ["ShadowMap", "cube_faces", "octahedral_square", "sight"]
+__all__ = ["ShadowMap", "cube_faces", "octahedral_square", "roundings", "sight"]
 
 Matrix: TypeAlias = NDArray[np.float64]
 Integers: TypeAlias = NDArray[np.integer[Any]]
@@ -149,11 +149,36 @@ def _along(axis: Matrix, points: Points, shift: float = 0.0) -> Field:
     return np.asarray(x * a + y * b + z * c + shift)
 
 
+def roundings(points: Points, *, beyond: float = 0.0, eps: float = 0.0) -> Field:
+    """How far a surface's points stray from it by rounding.
+
+    Parameters
+    ----------
+    points : Points, shape (…) [m]
+        On the surface.
+    beyond : float [m]
+        Sum of the coordinates' sizes of what else rounds with them.
+    eps : float
+        Relative rounding, if it is larger than that of the points' type.
+
+    Returns
+    -------
+    Field, shape (…) [m]
+        8·ε·(|x| + |y| + |z| + beyond).
+
+    Examples
+    --------
+    >>> float(roundings((np.array(1.0), np.array(-2.0), np.array(1.0))) / np.finfo(float).eps)
+    32.0
+    """
+    x, y, z = points
+    unit = ROUNDINGS * max(float(np.finfo(np.result_type(*points)).eps), eps)
+    return np.asarray((np.abs(x) + np.abs(y) + np.abs(z) + beyond) * unit)
+
+
 def _rounding(shadow_map: ShadowMap, points: Points, origin: Matrix) -> Field:
     """How far a surface's points stray from it, and from the map's rays, by rounding [m]."""
-    x, y, z = points
-    eps = ROUNDINGS * max(float(np.finfo(np.result_type(*points)).eps), shadow_map.eps)
-    return np.asarray((np.abs(x) + np.abs(y) + np.abs(z) + float(np.abs(origin).sum())) * eps)
+    return roundings(points, beyond=float(np.abs(origin).sum()), eps=shadow_map.eps)
 
 
 def _reach(maps: ShadowMaps) -> float:

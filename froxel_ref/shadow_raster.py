@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from froxel_ref.arrays import Field
-from froxel_ref.geometry import Matrix
+from froxel_ref.geometry import CUBE, Matrix
 from froxel_ref.light_raster import LightRaster, inverse_rows, project, raster_rays, windows
 from froxel_ref.primitives import Facets
 from froxel_ref.scene import Box, HeightField, Plane, Sphere, Surface
@@ -30,7 +30,6 @@ __all__ = ["Caster", "LightRaster", "casters", "raster_depth", "raster_rays"]
 
 Window: TypeAlias = tuple[slice, slice]
 
-CUBE = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 # Of the terms of a difference, what rounding leaves of it: a light as near to a face as that lies in it.
 SLACK = 4.0 * float(np.finfo(np.float64).eps)
 # Texels in a block: four operands of this size fit the cache of a core.

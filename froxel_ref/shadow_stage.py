@@ -14,7 +14,7 @@ from froxel_ref.assets import Assets
 from froxel_ref.scene import DirectionalLight, HeightField, HeightsFile, Light, Mesh, Scene, SpotLight, Surface
 from froxel_ref.settings import Settings
 from froxel_ref.shadow import KINDS, Stack, make_stack, map_kind, map_of, map_shape, shadowed_lights
-from froxel_ref.shadow_lookup import sight
+from froxel_ref.shadow_lookup import roundings, sight
 from froxel_ref.shadow_raster import casters
 from froxel_ref.shadow_views import cascade_views
 from froxel_ref.visibility import exact_visibility, occluders
@@ -57,25 +57,28 @@ def needs_maps(scene: Scene, settings: Settings) -> tuple[bool, str]:
     return True, f"{len(found)} light{'s' * (len(found) > 1)} that surfaces may hide"
 
 
-def map_lights(scene: Scene, kind: str) -> dict[int, Light]:
-    """The lights of one kind that have a map, by index.
+def map_lights(scene: Scene) -> dict[str, dict[int, Light]]:
+    """The lights that have a map, by kind and index.
 
     Parameters
     ----------
     scene : Scene
-    kind : {"directional", "spot", "point"}
 
     Returns
     -------
-    dict of int to Light
+    dict of str to dict of int to Light
+        Every kind of `froxel_ref.shadow.KINDS`, in that order.
 
     Examples
     --------
-    >>> map_lights(Scene(), "spot")
-    {}
+    >>> map_lights(Scene())
+    {'directional': {}, 'spot': {}, 'point': {}}
     """
     lights = scene.all_lights
-    return {i: lights[i] for i in shadowed_lights(lights, scene.surfaces) if map_kind(lights[i]) == kind}
+    found: dict[str, dict[int, Light]] = {kind: {} for kind in KINDS}
+    for i in shadowed_lights(lights, scene.surfaces):
+        found[map_kind(lights[i])][i] = lights[i]
+    return found
 
 
 def map_bytes(scene: Scene, settings: Settings) -> int:
@@ -99,13 +102,13 @@ def map_bytes(scene: Scene, settings: Settings) -> int:
     if not needs_maps(scene, settings)[0]:
         return 0
     maps, item, total = settings.shadow_maps, np.dtype(settings.precision).itemsize, 0
-    for kind in KINDS:
+    for kind, lights in map_lights(scene).items():
         faces, rows, columns = map_shape(kind, maps)
         texels = rows * columns
         numbers = 12  # of a face's matrix
         if maps.technique == "exponential":
             texels, numbers = texels + texels // (maps.downsample * maps.downsample), numbers + 2
-        total += len(map_lights(scene, kind)) * (faces * (texels * item + numbers * 8) + 8)
+        total += len(lights) * (faces * (texels * item + numbers * 8) + 8)
     return total
 
 
@@ -147,11 +150,10 @@ def shadow_maps(scene: Scene, settings: Settings, assets: Assets, *, dtype: DTyp
     """
     results: dict[str, Any] = {}
     casting = None
-    for kind in KINDS:
+    for kind, lights in map_lights(scene).items():
         if known is not None and NAMES[kind][0] in known:
             results |= {name: known[name] for name in NAMES[kind]}
             continue
-        lights = map_lights(scene, kind)
         if lights and casting is None:
             casting = casters([surface for surface in scene.surfaces if surface.casts_shadows], assets)
         stack = make_stack(kind, lights, casting or (), scene.camera, settings.grid, maps=settings.shadow_maps,
@@ -230,8 +232,7 @@ def map_keys(scene: Scene, settings: Settings, assets: Assets) -> dict[tuple[str
     """
     surfaces = tuple(_shape(surface, assets) for surface in scene.surfaces if surface.casts_shadows)
     keys: dict[tuple[str, ...], Hashable] = {}
-    for kind in KINDS:
-        lights = map_lights(scene, kind)
+    for kind, lights in map_lights(scene).items():
         cascades = tuple(_numbers(view) for light in lights.values() if isinstance(light, DirectionalLight)
                          for view in cascade_views(light, scene.camera, settings.grid, settings.shadow_maps))
         keys[NAMES[kind]] = (tuple((i, _place(light, assets)) for i, light in lights.items()),
@@ -327,8 +328,7 @@ def exact_sights(scene: Scene, assets: Assets) -> Visibility:
 def _lifted(see: Sight) -> Sight:
     def seen(points: Points, normal: Points | None = None) -> Field:
         if normal is not None:
-            eps = 8.0 * float(np.finfo(np.result_type(*points)).eps)
-            lift = (np.abs(points[0]) + np.abs(points[1]) + np.abs(points[2])) * eps
+            lift = roundings(points)
             points = (points[0] + lift * normal[0], points[1] + lift * normal[1], points[2] + lift * normal[2])
         dtype = np.result_type(*points)
         return see(points).astype(dtype, copy=False)

@@ -211,7 +211,7 @@ def _run_shadow(job: Job, results: Results) -> dict[str, Field]:
 
 def _shadow_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     return tuple(Part(f"{kind} lights", *_some(found, _count(len(found), "light"), "none that a surface may hide"))
-                 for kind, found in ((kind, shadow_stage.map_lights(scene, kind)) for kind in shadow_stage.NAMES))
+                 for kind, found in shadow_stage.map_lights(scene).items())
 
 
 def _visibility(job: Job, results: Results) -> Visibility:

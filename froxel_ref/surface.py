@@ -7,7 +7,6 @@ that can see it; what is left out could not have changed a bit.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -18,7 +17,7 @@ from numpy.typing import DTypeLike, NDArray
 from froxel_ref.arrays import Field
 from froxel_ref.blocks import blocks, run
 from froxel_ref.buffers import Hits
-from froxel_ref.geometry import Matrix, Rays, crop_rays, dot, ray_bounds
+from froxel_ref.geometry import CUBE, Matrix, Rays, crop_rays, dot, ray_bounds
 from froxel_ref.primitives import Facets, box_normals, hit_box, hit_plane, hit_sphere
 from froxel_ref.records import InputError
 from froxel_ref.scene import HeightField, Mesh, Plane, Scene, Sphere, Surface
@@ -35,7 +34,6 @@ Window = tuple[slice, slice]
 # Pixels in a block. Measured on a hall of 21 boxes: smaller blocks lose more to the interpreter, which only
 # one thread at a time can hold, larger ones to the cache.
 BLOCK = 131072
-CUBE = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 
 class _Target(NamedTuple):

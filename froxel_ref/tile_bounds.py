@@ -7,13 +7,13 @@ tiles: between the two planes through the camera that cut a row out, an ellipsoi
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from froxel_ref.geometry import CUBE
 from froxel_ref.lights import cone_corners
 from froxel_ref.scene import LocalMedium, PointLight, SpotLight
 
@@ -28,7 +28,6 @@ ROUNDINGS = 64.0
 SWELLING = 1e-3
 # In tiles: far above the rounding of these bounds, far below what a tile holds.
 MARGIN = 1e-6
-CUBE = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 
 class Proxies(NamedTuple):

@@ -264,6 +264,13 @@ def worlds(draw) -> tuple[Camera, Grid, Froxels, Tiling, type]:
     return camera, grid, froxels, cut, dtype
 
 
+def lit(lights: dict[int, PointLight], froxels: Froxels) -> dict[int, np.ndarray]:
+    """Which froxels each light gives light, by the arithmetic of the stages."""
+    points = froxel_points(froxels)
+    shape = np.broadcast_shapes(*(p.shape for p in points))
+    return {i: np.broadcast_to(light_at(light, points)[1] > 0.0, shape) for i, light in lights.items()}
+
+
 def missed(culled: Culled, touched: dict[int, np.ndarray], froxels: Froxels, cut: Tiling) -> int:
     """How many froxels are touched by what their list has not."""
     found = listed(culled, froxels, cut)
@@ -277,9 +284,7 @@ def test_every_light_that_gives_a_froxel_light_is_in_its_list(data) -> None:
     camera, _, froxels, cut, dtype = data.draw(worlds())
     lights = dict(enumerate(data.draw(st.lists(lamps(camera, froxels), min_size=1, max_size=5))))
     culled = cull_lights(lights, cut, origin=camera.position, dtype=dtype)
-    points = froxel_points(froxels)
-    shape = np.broadcast_shapes(*(p.shape for p in points))
-    touched = {i: np.broadcast_to(light_at(light, points)[1] > 0.0, shape) for i, light in lights.items()}
+    touched = lit(lights, froxels)
     assert missed(culled, touched, froxels, cut) == 0
 
 
@@ -310,9 +315,7 @@ def test_samples_anywhere_in_their_froxels_are_in_tiles_and_bins(data, jitter: t
     froxels = make_froxels(camera, grid, jitter=jitter, dtype=dtype)
     lights = dict(enumerate(data.draw(st.lists(lamps(camera, froxels), min_size=1, max_size=5))))
     culled = cull_lights(lights, cut, origin=camera.position, dtype=dtype)
-    points = froxel_points(froxels)
-    shape = np.broadcast_shapes(*(p.shape for p in points))
-    touched = {i: np.broadcast_to(light_at(light, points)[1] > 0.0, shape) for i, light in lights.items()}
+    touched = lit(lights, froxels)
     assert missed(culled, touched, froxels, cut) == 0
 
 
@@ -323,8 +326,7 @@ def test_the_tests_of_lists_can_fail(fault: str) -> None:
     froxels, cut = make_froxels(AHEAD, grid), make_tiling(AHEAD, depth_range=(0.5, 40.0), tile=1)
     rng = np.random.default_rng(2)
     lights = {i: lamp(*place, radius=2.0) for i, place in enumerate((rng.random((30, 3)) * 16 - [8, 8, 17]).tolist())}
-    points = froxel_points(froxels)
-    touched = {i: light_at(light, points)[1] > 0.0 for i, light in lights.items()}
+    touched = lit(lights, froxels)
     assert missed(cull_lights(lights, cut), touched, froxels, cut) == 0
     if fault == "small":
         lights = {i: dataclasses.replace(light, radius=0.9 * light.radius) for i, light in lights.items()}
@@ -344,9 +346,7 @@ def test_positions_in_float32_need_their_margin(monkeypatch: pytest.MonkeyPatch)
     cut = make_tiling(camera, depth_range=(1.0, 9.0), tile=1)
     lights = {i: lamp(1e7 + x, y, -5.0, radius=0.3) for i, (x, y) in enumerate(
         (np.random.default_rng(3).random((60, 2)) * 4.0 - 2.0).tolist())}
-    points = froxel_points(froxels)
-    shape = np.broadcast_shapes(*(p.shape for p in points))
-    touched = {i: np.broadcast_to(light_at(light, points)[1] > 0.0, shape) for i, light in lights.items()}
+    touched = lit(lights, froxels)
     options = {"origin": camera.position, "dtype": np.float32}
     assert missed(cull_lights(lights, cut, **options), touched, froxels, cut) == 0
     monkeypatch.setattr(tile_bounds, "ROUNDINGS", 0.0)
