@@ -16,7 +16,8 @@ from scipy.special import spherical_jn
 from froxel_ref.arrays import Field
 from froxel_ref.compensated import two_product, two_sum
 
-__all__ = ["opacity_depth", "optical_depth", "sample_coefficients", "segment_coefficients", "transmittance"]
+__all__ = ["even_coefficients", "falling_coefficients", "opacity_depth", "optical_depth", "sample_coefficients",
+           "segment_coefficients", "transmittance"]
 
 Array: TypeAlias = NDArray[np.floating[Any]]
 
@@ -159,16 +160,115 @@ def segment_coefficients(start: Field, stop: Field, tau: Field, *, rise: Field |
     (True, True)
     """
     length = stop - start
+    linear = np.any(rise)
     terms: list[tuple[Field, Field | None]] = []
     for k in range(harmonics + 1):
-        angle = np.pi * k * length
-        terms.append((2.0 * tau * np.sinc(k * length), np.asarray(rise) * spherical_jn(1, angle)))
+        odd = np.asarray(rise) * spherical_jn(1, np.pi * k * length) if linear else None
+        terms.append((2.0 * tau * np.sinc(k * length), odd))
     middle: Array = 0.5 * (start + stop)
     low: Field | float = 0.0
     if middle.dtype == np.float64:  # what the sum has lost counts k times in the k-th harmonic
         _, error = two_sum(np.asarray(start, np.float64), np.asarray(stop, np.float64))
         low = 0.5 * error
     return _summed(middle, low, terms, harmonics)
+
+
+def falling_coefficients(start: Field, stop: Field, most: Field, slope: Field, *, harmonics: int = 3) -> Array:
+    """Fourier coefficients of stretches of extinction that falls or rises exponentially, exactly.
+
+    Parameters
+    ----------
+    start, stop : ndarray, shape (n, …) [1]
+        Where along the ray each begins and ends, 0 ≤ start ≤ stop ≤ 1.
+    most : ndarray, shape (n, …) [1]
+        The extinction at the denser end times the whole depth range.
+    slope : ndarray, shape (n, …) [1]
+        q: extinction goes as exp(−q·d); above 0 it falls along the ray.
+    harmonics : int
+        K.
+
+    Returns
+    -------
+    ndarray, shape (2, K + 1, …) [1]
+
+    Notes
+    -----
+    From the denser end e inwards, over the length δ: 2·most·δ·e^{2πike}·φ(w), w = (−|q| ± 2πik)·δ and
+    φ(w) = (e^w − 1)/w. Height fog along a light's ray is such a stretch. Error of the k-th: below (3k + 8) ε of
+    its 2τ.
+
+    Examples
+    --------
+    >>> half = np.log(2.0) * np.ones(1)  # ∫ 2^−x dx = 1/(2 ln 2)
+    >>> bool(abs(falling_coefficients(np.zeros(1), np.ones(1), np.ones(1), half)[0, 0] * half[0] - 1.0) < 1e-15)
+    True
+    """
+    falls = slope >= 0.0
+    dense, inwards = np.where(falls, start, stop), np.where(falls, 1.0, -1.0)
+    length = stop - start
+    decay = np.abs(slope) * length
+    scale = 2.0 * most * length
+    total, turned = [], []
+    sine, cosine = _turn(np.asarray(dense))
+    turns = [(np.zeros_like(sine), np.ones_like(cosine))] + [(s, c) for _, s, c in _multiples(sine, cosine, harmonics)]
+    for k, (s, c) in enumerate(turns):
+        w = -decay + 2j * np.pi * k * inwards * length
+        with np.errstate(divide="ignore", invalid="ignore", under="ignore"):
+            share = np.where(w == 0.0, 1.0, np.expm1(w) / np.where(w == 0.0, 1.0, w))
+        total.append(np.sum(scale * (share.real * c - share.imag * s), axis=0))
+        turned.append(np.sum(scale * (share.real * s + share.imag * c), axis=0))
+    return np.asarray(np.stack([np.stack(total), np.stack(turned)]), dtype=scale.dtype)
+
+
+def even_coefficients(start: Field, step: Field, tau: Field, *, harmonics: int = 3, filled: bool = True) -> Array:
+    """Fourier coefficients of samples at even steps along rays, as a march takes them.
+
+    Parameters
+    ----------
+    start : ndarray, shape (…) [1]
+        Where the first sample lies.
+    step : ndarray, shape (…) [1]
+        From each to the next.
+    tau : ndarray, shape (n, …) [1]
+        Optical depth of each step.
+    harmonics : int
+        K.
+    filled : bool
+        Whether each stands for a stretch of constant extinction about it, a step long; else for a point.
+
+    Returns
+    -------
+    ndarray, shape (2, K + 1, …) [1]
+        Of the type of ``tau``.
+
+    Notes
+    -----
+    2e^{2πikx}·Σ τ_j z^j with z = e^{2πik·step} by Horner's rule, times sin w/w, w = πk·step, for stretches: two
+    passes a sample and harmonic, in float64. Error of the k-th: below (3k + 2n) ε·2Σ|τ_j|.
+
+    Examples
+    --------
+    >>> uniform = even_coefficients(np.array(0.125), np.array(0.25), np.full(4, 0.5))
+    >>> float(uniform[0, 0]), bool(np.abs(uniform[:, 1:]).max() < 1e-15)
+    (4.0, True)
+    """
+    shape = np.broadcast_shapes(np.shape(start), np.shape(step), tau.shape[1:])
+    result = np.zeros((2, harmonics + 1, *shape), tau.dtype)
+    result[0, 0] = 2.0 * np.sum(tau, axis=0)
+    if not harmonics:
+        return result
+    k = np.arange(1.0, harmonics + 1.0).reshape(-1, *(1,) * len(shape))
+    wide = np.asarray(step, np.float64)
+    z = np.exp(2j * np.pi * (k * wide))
+    total = np.zeros((harmonics, *shape), np.complex128)
+    for each in tau[::-1]:
+        total *= z
+        total += each
+    total *= 2.0 * np.exp(2j * np.pi * np.mod(k * np.asarray(start, np.float64), 1.0))
+    if filled:
+        total *= np.sinc(k * wide)
+    result[0, 1:], result[1, 1:] = total.real, total.imag
+    return result
 
 
 def _summed(middle: Field, low: Field | float, terms: Sequence[tuple[Field, Field | None]], harmonics: int) -> Array:

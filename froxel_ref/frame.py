@@ -17,6 +17,7 @@ import numpy as np
 from froxel_ref.arrays import Field
 from froxel_ref.assets import Assets, load_assets
 from froxel_ref.culling import list_shapes
+from froxel_ref.fom_plan import map_bytes as opacity_bytes
 from froxel_ref.forcing import forced
 from froxel_ref.jobs import Job, Part, Stage
 from froxel_ref.lights import with_intensities
@@ -121,13 +122,13 @@ def estimate_bytes(scene: Scene, settings: Settings) -> int:
     tints = 3 if any(isinstance(medium.extinction, tuple) for medium in media) else 1
     total = 0
     for name, quantity in QUANTITIES.items():
-        if name.startswith(("shadow/", "culling/")):
+        if name.startswith(("shadow/", "fom/", "culling/")):
             continue
         size = {"c": 3, "l": lobes} | (sizes if "z" in quantity.axes or quantity.on_grid else image)
         tinted = name.endswith(("extinction", "transmittance"))
         total += math.prod(size[axis] for axis in quantity.axes) * (tints if tinted else 1)
-    return total * np.dtype(settings.precision).itemsize + map_bytes(scene, settings) + _list_bytes(
-        scene, settings)
+    return (total * np.dtype(settings.precision).itemsize + map_bytes(scene, settings)
+            + opacity_bytes(scene, settings) + _list_bytes(scene, settings))
 
 
 def _bounded(scene: Scene) -> tuple[int, int]:

@@ -54,7 +54,7 @@ ABOUT = {
 }
 AXES = {"z": "z", "y": "y", "x": "x", "c": "channel", "l": "lobe", "n": "place", "e": "first or last", "b": "bin",
         "w": "word", "v": "tile row", "u": "tile column", "m": "light", "f": "face", "p": "row", "q": "column",
-        "i": "matrix row", "j": "matrix column"}
+        "i": "matrix row", "j": "matrix column", "a": "row, column or size"}
 
 Progress = Callable[[str, int, int], None]
 

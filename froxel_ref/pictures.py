@@ -29,7 +29,7 @@ __all__ = [
 
 PAGE, MARGIN, GAP, HEAD, FOOT = 2400, 48, 24, 34, 60
 # Of shadow maps, texels shown of a face, faces in a row; and axes of arrays that are read, not looked at.
-MAP_TEXELS, MAPS_ACROSS, TABLES = 256, 6, ("m", "mfij", "mfe", "n")
+MAP_TEXELS, MAPS_ACROSS, TABLES = 256, 6, ("m", "mfij", "mfe", "mfa", "n")
 SLIM, NARROW = 30, 300  # no picture on top is lower or narrower than this, with its words [px]
 COUNTED = {"l": "lobe", "eb": "red: first place, green: last, red above: none; bin"}
 HERO = ("apply/radiance", "surface/radiance", "apply/fog_radiance", "apply/fog_transmittance",
@@ -112,6 +112,8 @@ def channel_first(array: Field, quantity: Quantity) -> Field:
     axes = full_axes(array, quantity)
     if axes == "mfpq":
         return _mosaic(array)[None]
+    if axes in ("cpq", "mfepq", "mfcpq"):
+        return _mosaic(_rows_of_maps(array, axes))[None]
     if axes == "wvu":
         return lights_per_tile(array)[None]
     if axes in ("eb", "n"):
@@ -120,6 +122,15 @@ def channel_first(array: Field, quantity: Quantity) -> Field:
         with np.errstate(over="ignore", invalid="ignore"):
             array, axes = array.sum(axis=0), axes[1:]
     return array if axes.startswith("c") else array[None]
+
+
+def _rows_of_maps(array: Field, axes: str) -> Field:
+    """Maps of coefficients or ranges as (rows, maps in a row, texels): of an atlas the a_k above the b_k."""
+    if axes == "mfepq":
+        return array.reshape(len(array), -1, *array.shape[-2:])
+    if axes == "cpq":
+        return array.reshape(-1, 2 - len(array) % 2, *array.shape[-2:]).swapaxes(0, 1)
+    return array.reshape(-1, *array.shape[-3:])
 
 
 def _mosaic(maps: Field) -> Field:
@@ -225,6 +236,8 @@ def _framed(body: Image, name: str, array: Field, quantity: Quantity, display: D
     axes, unit = varying(array, quantity), f"  [{quantity.unit}]" if quantity.unit != "1" else ""
     same = _equal(channel_first(array, quantity))
     carried = "the same everywhere" if same else f"varies along {', '.join(axes) or 'its lobes'}"
+    if quantity.axes == "cpq":
+        carried = f"a_0, a_1, … in a row, b_0, b_1, … below; {array.shape[1]} x {array.shape[2]} texels"
     if quantity.axes == "eb":
         carried = "the places, in the order by depth, between which the lights or media of a bin lie"
     if quantity.axes == "wvu":
@@ -254,9 +267,16 @@ def _framed_maps(body: Image, name: str, array: Field, quantity: Quantity, displ
         foot += 23
     size = " x ".join(str(n) for n in array.shape[2:])
     faces = f" with {array.shape[1]} face{'s' * (array.shape[1] > 1)} of {size}" if array.ndim > 1 else ""
+    if quantity.axes in ("mfepq", "mfcpq"):
+        size = " x ".join(str(n) for n in array.shape[3:])
+        faces = f" with {array.shape[1]} cascades of {array.shape[2]} x {size}"
     words = f"{array.shape[0]} light{'s' * (len(array) > 1)}{faces}"
     if quantity.axes == "n":
         words = f"{len(array)} in their order by depth"
+    elif quantity.axes == "mfcpq":
+        words += ", a cascade's in a row: a_0, b_0, a_1, b_1, …"
+    elif quantity.axes == "mfepq":
+        words += ", near and far of each side by side"
     elif not table:
         words += ", a light's side by side; grey: nothing is hit"
     write(picture, (0, foot), words, 16, FAINT, width)

@@ -49,6 +49,15 @@ SWITCHES: dict[str, tuple[str, ...]] = {
     "ambient": ("scene", "scene", "constant"),                                  # A7
     "exposure": ("display", "display", "lighting"),                             # A12
     "beyond_cascades": ("lit", "lit", "dark"),                                  # A4
+    "fom_samples": ("segments", "front", "dithered", "middle"),                 # D7, A8
+    "fom_opacity": ("exact", "clamped", "clamped"),                             # D8
+    "fom_range": ("bounded", "radius", "fixed"),                                # A8
+    "fom_tiles": ("by_extent", "by_extent", "small"),                           # A8
+    "fom_lookup": ("per_texel", "filtered", "filtered"),                        # S3
+    "fom_sun": ("product", "product", "min"),                                   # D16
+    "fom_spot": ("upright", "upright", "mirrored"),                             # A3
+    "fom_octahedron": ("from_light", "from_light", "to_light"),                 # A9
+    "fom_particles": ("hit", "hit", "centre"),                                  # A9
 }
 FIDELITIES = ("corrected", "published", "author")
 
@@ -87,6 +96,23 @@ class Switches(Record):
         "exposure", "A12: exposure on display only, or multiplied into the lighting")
     beyond_cascades: str | None = _switch(
         "beyond_cascades", "A4: whether a sun lights froxels that no cascade of its shadow map reaches")
+    fom_samples: str | None = _switch(
+        "fom_samples", "D7, A8: what a march adds: stretches of constant extinction, or points at a step's front, its "
+                       "middle, or dithered and half a step further on")
+    fom_opacity: str | None = _switch("fom_opacity", "D8: optical depths of samples as they are, or at most 11.5")
+    fom_range: str | None = _switch(
+        "fom_range", "A8: depths that a map covers: what lies on its rays; a lamp's radius; that, and 300 m for suns")
+    fom_tiles: str | None = _switch(
+        "fom_tiles", "A8: a lamp's tile by its extent on the screen, or always the small one")
+    fom_lookup: str | None = _switch(
+        "fom_lookup", "S3: a sun's four texels each with its own range, or coefficients and ranges filtered first")
+    fom_sun: str | None = _switch(
+        "fom_sun", "D16: a sun's visibility: product of opaque and volumetric, or the smaller")
+    fom_spot: str | None = _switch("fom_spot", "A3: a spot light's rows as they are looked up, or the other way round")
+    fom_octahedron: str | None = _switch(
+        "fom_octahedron", "A9: octahedral maps hold directions from the light, or to it")
+    fom_particles: str | None = _switch(
+        "fom_particles", "A9: particles where rays hit them, or at their centre's distance and of twice the size")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,6 +180,43 @@ class ShadowMaps(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class OpacityMaps(Record):
+    """Fourier opacity maps: their sizes, how they are made, and how transmittance is read from them."""
+
+    harmonics: int = integer(3, "K, two coefficients each and two more [Jansen 2010]", at_least=0, at_most=32)
+    reconstruction: str = choice("fourier", "lanczos", default="fourier",
+                                 about="the series, or with σ-factors, which rings less and is less sharp")
+    small: int = integer(128, "a lamp's tile, across", unit="texels", at_least=8, at_most=4096)
+    large: int = integer(256, "a lamp's tile, across, if its extent on the screen is large", unit="texels",
+                         at_least=8, at_most=4096)
+    large_extent: float = number(0.5, "share of the image's height from which on a lamp's sphere is large",
+                                 at_least=0.0, within=(0.0, LONGEST))
+    atlas: int = integer(2048, "the square that lamps' tiles lie in, across", unit="texels", at_least=64,
+                         at_most=16384)
+    smallest: int = integer(64, "the smallest tile that a lamp is given where there is no room, across",
+                            unit="texels", at_least=8, at_most=4096)
+    gutter: int = integer(1, "texels around a tile that repeat its neighbours, for lookups across its edge",
+                          at_least=0, at_most=8)
+    directional_size: int = integer(256, "each cascade of a directional light, across", unit="texels", at_least=16,
+                                    at_most=4096)
+    step: float = number(0.05, "longest step of a march, unless there are too many", **SIZE)
+    most_steps: int = integer(64, "steps of a march at most", at_least=1, at_most=65536)
+    storage: str = choice("full", "float16", default="full",
+                          about="coefficients as computed, or as the thesis's RGBA16F textures hold them")
+
+    def check_together(self) -> None:
+        for name in ("small", "large", "atlas", "smallest"):
+            value = getattr(self, name)
+            if value & (value - 1):
+                raise InputError(name, f"is {value}, must be a power of two")
+        if not self.smallest <= self.small <= self.large <= self.atlas:
+            raise InputError("large", f"is {self.large}, must be at least small ({self.small}), which must be at least "
+                                      f"smallest ({self.smallest}), and at most atlas ({self.atlas})")
+        if 3 * self.gutter > self.smallest:
+            raise InputError("gutter", f"is {self.gutter}, must be at most a third of smallest ({self.smallest})")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Culling(Record):
     """The lists of lights and local media: tiles of the screen by bins of view depth [Dörries 2020, §3.2.4]."""
 
@@ -176,6 +239,10 @@ class Settings(Record):
     shadows: str = choice("maps", "exact", "off", default="maps",
                           about="opaque shadows: by shadow maps, by a ray from every point, or none")
     shadow_maps: ShadowMaps = nested(ShadowMaps, default=ShadowMaps(), about="for shadows by maps")
+    volumetric_shadows: str = choice(
+        "maps", "exact", "off", default="off",
+        about="shadows of media and particles: by Fourier opacity maps, along a ray from every point, or none")
+    opacity_maps: OpacityMaps = nested(OpacityMaps, default=OpacityMaps(), about="for volumetric shadows by maps")
     culling: Culling = nested(Culling, default=Culling(), about="the lists of lights and local media")
     precision: str = choice("float64", "float32", default="float64", about="type of the arithmetic")
     time: float = number(0.0, "scene time, moves scrolling textures", unit="s",

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from froxel_ref import apply, culling, grid, integrate, lighting, media, shadow_stage, surface
+from froxel_ref import apply, culling, fom_plan, fom_stage, grid, integrate, lighting, media, shadow_stage, surface
 from froxel_ref.arrays import Candidates, Field, Points, Visibility
 from froxel_ref.buffers import Integrated, VBuffer
+from froxel_ref.fom_lookup import both_sights
 from froxel_ref.jobs import Job, Need, Part, Results, Stage
 from froxel_ref.quantities import FINAL
 from froxel_ref.scene import (
@@ -21,7 +22,7 @@ from froxel_ref.scene import (
     PointLight,
     Scene,
 )
-from froxel_ref.settings import Settings
+from froxel_ref.settings import Settings, replace
 from froxel_ref.shadow import shadowed_lights
 
 __all__ = ["STAGES", "v_buffer"]
@@ -214,11 +215,41 @@ def _shadow_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
                  for kind, found in shadow_stage.map_lights(scene).items())
 
 
-def _visibility(job: Job, results: Results) -> Visibility:
-    """What hides each light; where all is forced, an explicit 1 for those that nothing hides."""
+# --- fom --------------------------------------------------------------------------------------------
+
+
+def _run_fom(job: Job, results: Results) -> dict[str, Field]:
+    if job.settings.volumetric_shadows != "maps":  # forced, but not to what was switched off
+        return fom_stage.empty_maps(job.settings, job.dtype)
+    return fom_stage.opacity_maps(job.scene, job.settings, job.assets, dtype=job.dtype, threads=job.threads,
+                                  known=results)
+
+
+# --- what lights see --------------------------------------------------------------------------------
+
+
+def _hidden(job: Job, results: Results) -> Visibility:
+    """What surfaces leave of each light."""
     how = job.settings.shadows
-    found = dict(shadow_stage.map_sights(results, job.scene, job.settings, job.assets) if how == "maps" else
-                 shadow_stage.exact_sights(job.scene, job.assets) if how == "exact" else {})
+    return (shadow_stage.map_sights(results, job.scene, job.settings, job.assets) if how == "maps" else
+            shadow_stage.exact_sights(job.scene, job.assets) if how == "exact" else {})
+
+
+def _dimmed(job: Job, results: Results) -> Visibility:
+    """What media and particles leave of each light."""
+    how = job.settings.volumetric_shadows
+    return (fom_stage.map_sights(results, job.scene, job.settings) if how == "maps" else
+            fom_stage.exact_sights(job.scene, job.settings, job.assets) if how == "exact" else {})
+
+
+def _visibility(job: Job, results: Results) -> Visibility:
+    """What is left of each light: by surfaces times by media; where all is forced, an explicit 1 where nothing is."""
+    hidden, dimmed = _hidden(job, results), _dimmed(job, results)
+    found = {**hidden, **dimmed}
+    for number in hidden.keys() & dimmed.keys():
+        sun = isinstance(job.scene.all_lights[number], DirectionalLight)
+        smaller = sun and job.settings.fom_sun == "min"
+        found[number] = both_sights(hidden[number], dimmed[number], smaller=smaller)
 
     def seen(points: Points, normal: Points | None = None) -> Field:
         return np.ones(np.broadcast_shapes(*(p.shape for p in points)), job.dtype)
@@ -244,6 +275,14 @@ def _needs_lighting(scene: Scene, settings: Settings) -> Need:
                  "no lights, no ambient light and no emission")
 
 
+def _dims(scene: Scene, settings: Settings) -> Need:
+    """Whether media or particles dim a light."""
+    needed, why = fom_plan.needs_maps(scene, settings)
+    exact = settings.volumetric_shadows == "exact" and fom_plan.needs_maps(
+        scene, replace(settings, volumetric_shadows="maps"))[0]
+    return needed or exact, why
+
+
 def _lighting_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     suns = sum(isinstance(light, DirectionalLight) for light in scene.all_lights)
     local, sources = len(scene.all_lights) - suns, _sources(scene, settings)
@@ -255,6 +294,7 @@ def _lighting_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
         Part("directional lights", *_some(suns, _count(suns, "light"), "the scene has none")),
         Part("point and spot lights", *_some(local, _count(local, "light"), "the scene has none")),
         Part("shadows", casts, why),
+        Part("volumetric shadows", *_dims(scene, settings)),
         Part("ambient light", *_some("ambient" in sources, "the scene has it", "the scene's is black")),
         Part("emission", *_some("emission" in sources, "a medium emits", "no medium emits")),
     )
@@ -370,6 +410,7 @@ _MEDIA = ("media/scattering", "media/extinction", "media/emission", "media/phase
 _LIGHTS, _LOCAL = (tuple(f"culling/{kind}_{name}" for name in culling.Culled._fields) for kind in ("light", "medium"))
 _SURFACE = ("surface/depth", "surface/normal", "surface/albedo", "surface/radiance")
 _SHADOW = tuple(name for names in shadow_stage.NAMES.values() for name in names)
+_FOM = (*fom_stage.LAMPS, *fom_stage.SUNS)
 _INTEGRATED = tuple(f"integrate/{name}" for name in Integrated._fields)
 
 
@@ -383,13 +424,16 @@ STAGES: tuple[Stage, ...] = (
     Stage("shadow", "maps of what surfaces hide from each light", (), _SHADOW, shadow_stage.needs_maps,
           lambda job: shadow_stage.empty_maps(job.settings, job.dtype), _run_shadow, _shadow_parts,
           lambda job: shadow_stage.map_keys(job.scene, job.settings, job.assets)),
-    Stage("surface", "the nearest opaque surface and its Lambert shading", _SHADOW, _SURFACE,
+    Stage("fom", "Fourier opacity maps: what media and particles let through of each light", (), _FOM,
+          fom_plan.needs_maps, lambda job: fom_stage.empty_maps(job.settings, job.dtype), _run_fom, fom_plan.map_parts,
+          lambda job: fom_stage.map_keys(job.scene, job.settings, job.assets)),
+    Stage("surface", "the nearest opaque surface and its Lambert shading", (*_SHADOW, *_FOM), _SURFACE,
           _needs_surface, _neutral_surface, _run_surface),
     Stage("culling", "which lights and local media can reach which tiles and depths", (), (*_LIGHTS, *_LOCAL),
           _needs_culling, _neutral_culling, _run_culling, _culling_parts),
     Stage("media", "the V-Buffer: material of the media at each froxel", _LOCAL, (*_MEDIA, "media/albedo"),
           _needs_media, _neutral_media, _run_media, _media_parts),
-    Stage("lighting", "light scattered towards the camera at each froxel", (*_MEDIA, *_SHADOW, *_LIGHTS),
+    Stage("lighting", "light scattered towards the camera at each froxel", (*_MEDIA, *_SHADOW, *_FOM, *_LIGHTS),
           ("lighting/in_scattering",), _needs_lighting,
           lambda job: {"lighting/in_scattering": _constant(job, "czyx", BLACK)},
           _run_lighting, _lighting_parts),

@@ -19,6 +19,7 @@ from froxel_ref.cli import main
 from froxel_ref.frame import run_frame
 from froxel_ref.golden import MANIFEST
 from froxel_ref.settings import replace
+from froxel_ref.stages import STAGES
 
 SMALL = ["--grid", "8x6x5", "--size", "12x8"]
 
@@ -225,7 +226,7 @@ def test_golden_prints_what_it_wrote_and_ends_with_the_contact_sheet(
     assert lines[0].split() == ["stage", "arrays", "MB", "seconds"]
     table = {line.split()[0]: int(line.split()[1]) for line in lines[1:-2]}
     names = [entry["name"].partition("/")[0] for entry in manifest["arrays"]]
-    assert table == {stage: names.count(stage) for stage in names}
+    assert table == {stage.name: names.count(stage.name) for stage in STAGES}
     assert os.listdir(here) == ["golden-thesis-hall"]
 
 

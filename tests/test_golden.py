@@ -76,7 +76,8 @@ def bytes_in(folder: Path) -> dict[str, bytes]:
 # --- what is written --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", [n for n in QUANTITIES if not n.startswith(("media/lobe", "shadow/", "culling/"))])
+@pytest.mark.parametrize("name", [n for n in QUANTITIES
+                                  if not n.startswith(("media/lobe", "shadow/", "fom/", "culling/"))])
 def test_arrays_are_in_gpu_order(name: str, small: Frame, written: GoldenSet) -> None:
     entry = next(e for e in written.manifest["arrays"] if e["name"] == name)
     stored = np.load(written.folder / entry["file"], allow_pickle=False)

@@ -29,6 +29,15 @@ EXPECTED = {
     "ambient": ("A7", "scene", "scene", "constant"),
     "exposure": ("A12", "display", "display", "lighting"),
     "beyond_cascades": ("A4", "lit", "lit", "dark"),
+    "fom_samples": ("D7", "segments", "front", "dithered"),
+    "fom_opacity": ("D8", "exact", "clamped", "clamped"),
+    "fom_range": ("A8", "bounded", "radius", "fixed"),
+    "fom_tiles": ("A8", "by_extent", "by_extent", "small"),
+    "fom_lookup": ("S3", "per_texel", "filtered", "filtered"),
+    "fom_sun": ("D16", "product", "product", "min"),
+    "fom_spot": ("A3", "upright", "upright", "mirrored"),
+    "fom_octahedron": ("A9", "from_light", "from_light", "to_light"),
+    "fom_particles": ("A9", "hit", "hit", "centre"),
 }
 
 

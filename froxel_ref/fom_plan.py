@@ -1,0 +1,288 @@
+"""Which lights have Fourier opacity maps, how large, and what a plan says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from froxel_ref.fom_views import Wanted, assign_tiles, lamp_reach
+from froxel_ref.jobs import Part
+from froxel_ref.lights import colour
+from froxel_ref.records import InputError
+from froxel_ref.scene import DirectionalLight, LocalMedium, Medium, PointLight, Scene
+from froxel_ref.settings import Settings
+
+__all__ = ["assigned_tiles", "dimmed_lamps", "dimmed_suns", "dimming_media", "faces_shape", "map_bytes", "map_parts",
+           "meets", "needs_maps", "used_texels"]
+
+
+
+def dimming_media(scene: Scene, *, local_only: bool = False) -> dict[int, Medium]:
+    """The media that dim, by their place among the global and then the local ones.
+
+    Parameters
+    ----------
+    scene : Scene
+    local_only : bool
+        For directional lights, which global media do not dim: they have no end towards them.
+
+    Returns
+    -------
+    dict of int to Medium
+
+    Raises
+    ------
+    InputError
+        An extinction is RGB: a map holds one number.
+    """
+    found = {i: medium for i, medium in enumerate((*scene.global_media, *scene.local_media))
+             if np.any(np.asarray(medium.extinction) > 0.0)}
+    for number, medium in found.items():
+        if isinstance(medium.extinction, tuple):
+            first = len(scene.global_media)
+            place = f"global_media[{number}]" if number < first else f"local_media[{number - first}]"
+            raise InputError(f"{place}.extinction", "is RGB, must be one number for volumetric shadows (or "
+                                                    "settings.volumetric_shadows=off)")
+    return {i: medium for i, medium in found.items() if isinstance(medium, LocalMedium) or not local_only}
+
+
+def dimmed_lamps(scene: Scene, settings: Settings) -> dict[int, PointLight]:
+    """Point and spot lights that media or particles may dim on their way, by index.
+
+    Parameters
+    ----------
+    scene : Scene
+    settings : Settings
+        Its grid, for lamps without a window.
+
+    Returns
+    -------
+    dict of int to PointLight
+        Those that shine and cast shadows.
+
+    Examples
+    --------
+    >>> lamp = PointLight(position=(0, 0, 0), intensity=(1, 1, 1))
+    >>> list(dimmed_lamps(Scene(lights=(lamp,), global_media=(Medium(),)), Settings()))
+    [0]
+    """
+    media = dimming_media(scene)
+    return {i: light for i, light in enumerate(scene.all_lights) if isinstance(light, PointLight) and _casts(light)
+            and any(meets(light, medium, lamp_reach(light, scene.camera, settings.grid)) for medium in media.values())}
+
+
+def dimmed_suns(scene: Scene) -> dict[int, DirectionalLight]:
+    """Directional lights that local media or particles dim, by index.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    dict of int to DirectionalLight
+
+    Examples
+    --------
+    >>> sun = DirectionalLight(direction=(0, 1, 0), irradiance=(1, 1, 1))
+    >>> dimmed_suns(Scene(lights=(sun,), global_media=(Medium(),)))
+    {}
+    """
+    if not dimming_media(scene, local_only=True):
+        return {}
+    return {i: light for i, light in enumerate(scene.all_lights)
+            if isinstance(light, DirectionalLight) and _casts(light)}
+
+
+def _casts(light: DirectionalLight | PointLight) -> bool:
+    return light.casts_shadows and bool(colour(light).any())
+
+
+def meets(light: PointLight, medium: Medium, reach: float) -> bool:
+    """Whether a medium's bounding ball meets what a lamp reaches.
+
+    Parameters
+    ----------
+    light : PointLight
+    medium : Medium
+    reach : float [m]
+        From `froxel_ref.fom_views.lamp_reach`.
+
+    Returns
+    -------
+    bool
+        True for a medium without bounds.
+
+    Examples
+    --------
+    >>> lamp = PointLight(position=(0, 5, 0), intensity=(1, 1, 1))
+    >>> meets(lamp, LocalMedium(), 3.0), meets(lamp, LocalMedium(), 3.5)
+    (False, True)
+    """
+    if not isinstance(medium, LocalMedium):
+        return True
+    pose = medium.transform.world_from_local
+    radius = float(np.linalg.norm(np.abs(pose[:3, :3]).sum(axis=1)))
+    return float(np.linalg.norm(pose[:3, 3] - light.position)) <= (reach + radius) * (1.0 + 1e-9)
+
+
+def needs_maps(scene: Scene, settings: Settings) -> tuple[bool, str]:
+    """Whether a frame needs Fourier opacity maps, and why.
+
+    Parameters
+    ----------
+    scene : Scene
+    settings : Settings
+
+    Returns
+    -------
+    needed : bool
+    why : str
+
+    Examples
+    --------
+    >>> needs_maps(Scene(), Settings())
+    (False, 'volumetric shadows are off')
+    """
+    if settings.volumetric_shadows == "off":
+        return False, "volumetric shadows are off"
+    if not dimming_media(scene):
+        return False, "the scene has nothing that dims light on its way"
+    count = len(dimmed_lamps(scene, settings)) + len(dimmed_suns(scene))
+    if not count:
+        return False, "no light that casts shadows is dimmed by a medium"
+    if settings.volumetric_shadows == "exact":
+        return False, "volumetric shadows are exact: along a ray from every point"
+    return True, f"{count} light{'s' * (count > 1)} that media may dim"
+
+
+def assigned_tiles(scene: Scene, settings: Settings) -> dict[int, Wanted]:
+    """The tiles of the lamps that media or particles may dim.
+
+    Parameters
+    ----------
+    scene : Scene
+    settings : Settings
+
+    Returns
+    -------
+    dict of int to Wanted
+        See `froxel_ref.fom_views.assign_tiles`.
+
+    Examples
+    --------
+    >>> lamp = PointLight(position=(0, 0, 0), intensity=(1, 1, 1))
+    >>> assigned_tiles(Scene(lights=(lamp,), global_media=(Medium(),)), Settings())[0].tile
+    Tile(row=0, column=0, size=256)
+    """
+    return assign_tiles(dimmed_lamps(scene, settings), scene.camera, settings.opacity_maps,
+                        tiles=settings.fom_tiles)[1]
+
+
+def map_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
+    """What the stage does for this scene: tiles of the atlas, cascades; lamps that got less than they asked for.
+
+    Parameters
+    ----------
+    scene : Scene
+    settings : Settings
+
+    Returns
+    -------
+    tuple of Part
+        None unless volumetric shadows are by maps.
+
+    Examples
+    --------
+    >>> [part.why for part in map_parts(Scene(), Settings(volumetric_shadows="maps"))]
+    ['none that anything dims', 'none that a local medium dims']
+    """
+    if settings.volumetric_shadows != "maps":
+        return ()
+    wanted = assigned_tiles(scene, settings)
+    suns = len(dimmed_suns(scene))
+    sizes = [str(each.tile.size) for each in wanted.values() if each.tile is not None]
+    held = ", ".join(f"{sizes.count(size)} of {size}²" for size in sorted(set(sizes), key=int, reverse=True))
+    parts = [Part("point and spot lights", bool(sizes), f"tiles of the {settings.opacity_maps.atlas}² atlas: {held}"
+                  if sizes else "none that anything dims" if not wanted else "the atlas has no room")]
+    parts.append(Part("directional lights", suns > 0, f"{suns * settings.shadow_maps.cascades} cascades"
+                      if suns else "none that a local medium dims"))
+    for number, each in wanted.items():
+        if each.tile is None:
+            parts.append(Part(f"lights[{number}]", False, "media do not dim it: the atlas has no room for "
+                                                          f"{settings.opacity_maps.smallest}²"))
+        elif each.tile.size < each.size:
+            parts.append(Part(f"lights[{number}]", True, f"{each.tile.size}² instead of {each.size}²: no more room"))
+    return tuple(parts)
+
+
+def faces_shape(settings: Settings) -> tuple[int, int, int, int]:
+    """Shape of a directional light's coefficients.
+
+    Parameters
+    ----------
+    settings : Settings
+
+    Returns
+    -------
+    (int, int, int, int)
+        Cascades, channels, rows and columns.
+
+    Examples
+    --------
+    >>> faces_shape(Settings())
+    (4, 8, 256, 256)
+    """
+    maps = settings.opacity_maps
+    return settings.shadow_maps.cascades, 2 * maps.harmonics + 2, maps.directional_size, maps.directional_size
+
+
+def used_texels(wanted: Mapping[int, Wanted]) -> tuple[int, int]:
+    """Rows and columns of the atlas from its corner to the last tile.
+
+    Parameters
+    ----------
+    wanted : mapping of int to Wanted
+
+    Returns
+    -------
+    (int, int)
+
+    Examples
+    --------
+    >>> used_texels({})
+    (0, 0)
+    """
+    tiles = [each.tile for each in wanted.values() if each.tile is not None]
+    return (max((tile.row + tile.size for tile in tiles), default=0),
+            max((tile.column + tile.size for tile in tiles), default=0))
+
+
+def map_bytes(scene: Scene, settings: Settings) -> int:
+    """Memory that the maps of a scene take.
+
+    Parameters
+    ----------
+    scene : Scene
+    settings : Settings
+
+    Returns
+    -------
+    int
+        Bytes; 0 where none are made.
+
+    Examples
+    --------
+    >>> map_bytes(Scene(), Settings())
+    0
+    """
+    if not needs_maps(scene, settings)[0]:
+        return 0
+    wanted = assigned_tiles(scene, settings)
+    rows, columns = used_texels(wanted)
+    lamps, suns = sum(each.tile is not None for each in wanted.values()), len(dimmed_suns(scene))
+    faces, channels, size, _ = faces_shape(settings)
+    texels = rows * columns * channels + suns * faces * size * size * (channels + 2)
+    # Beside them an index, three numbers of the tile, two of the range and twelve of the matrix.
+    return texels * np.dtype(settings.precision).itemsize + 8 * (lamps * (1 + 3 + 2 + 12) + suns * (1 + faces * 12))
