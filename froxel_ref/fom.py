@@ -254,20 +254,19 @@ def even_coefficients(start: Field, step: Field, tau: Field, *, harmonics: int =
     """
     shape = np.broadcast_shapes(np.shape(start), np.shape(step), tau.shape[1:])
     result = np.zeros((2, harmonics + 1, *shape), tau.dtype)
-    result[0, 0] = 2.0 * np.sum(tau, axis=0)
-    if not harmonics:
-        return result
     k = np.arange(1.0, harmonics + 1.0).reshape(-1, *(1,) * len(shape))
     wide = np.asarray(step, np.float64)
     z = np.exp(2j * np.pi * (k * wide))
-    total = np.zeros((harmonics, *shape), np.complex128)
+    # Sample by sample, so that a ray's sum does not depend on the rays beside it.
+    whole, total = np.zeros(shape), np.zeros((harmonics, *shape), np.complex128)
     for each in tau[::-1]:
+        whole += each
         total *= z
         total += each
     total *= 2.0 * np.exp(2j * np.pi * np.mod(k * np.asarray(start, np.float64), 1.0))
     if filled:
         total *= np.sinc(k * wide)
-    result[0, 1:], result[1, 1:] = total.real, total.imag
+    result[0, 0], result[0, 1:], result[1, 1:] = 2.0 * whole, total.real, total.imag
     return result
 
 

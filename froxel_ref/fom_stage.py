@@ -27,9 +27,10 @@ from froxel_ref.fom_plan import (
 )
 from froxel_ref.fom_views import CASCADE_REACH, cascade_lines, lamp_directions, lamp_reach, opacity_cascades
 from froxel_ref.geometry import Lines
+from froxel_ref.jobs import Same
 from froxel_ref.light_paths import light_transmittance
 from froxel_ref.light_raster import LightRaster
-from froxel_ref.scene import DirectionalLight, LocalMedium, PointLight, Scene
+from froxel_ref.scene import DirectionalLight, LocalMedium, Medium, NoiseDensity, PointLight, Scene
 from froxel_ref.settings import Settings
 from froxel_ref.shadow import map_kind
 from froxel_ref.shadow_filters import pad_octahedral
@@ -316,8 +317,8 @@ def map_keys(scene: Scene, settings: Settings, assets: Assets) -> dict[tuple[str
     """
     fixed = (settings.opacity_maps, settings.shadow_maps, settings.precision, settings.time, settings.grid,
              settings.fidelity, settings.switches)
-    media = tuple((medium, None if medium.density is None else id(assets.textures[medium.density.source]))
-                  for medium in dimming_media(scene).values()) if settings.volumetric_shadows == "maps" else ()
+    media = tuple((medium, _texels(medium, assets)) for medium in dimming_media(scene).values()
+                  ) if settings.volumetric_shadows == "maps" else ()
     lamps = dimmed_lamps(scene, settings) if media else {}
     tiles = assigned_tiles(scene, settings) if lamps else {}
     # A lamp without a window reaches as far as the camera sees.
@@ -325,6 +326,13 @@ def map_keys(scene: Scene, settings: Settings, assets: Assets) -> dict[tuple[str
     suns = tuple(dimmed_suns(scene).items()) if media else ()
     return {LAMPS: (fixed, media, tuple(lamps.items()), tuple(tiles.items()), reach),
             SUNS: (fixed, media, suns, scene.camera if suns else None)}
+
+
+def _texels(medium: Medium, assets: Assets) -> Hashable:
+    """What a density texture holds: noise is what its record says."""
+    if medium.density is None or isinstance(medium.density.source, NoiseDensity):
+        return None
+    return Same(assets.textures[medium.density.source])
 
 
 # --- what lights see --------------------------------------------------------------------------------

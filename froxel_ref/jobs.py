@@ -15,7 +15,7 @@ from froxel_ref.grid import Froxels, make_froxels
 from froxel_ref.scene import Scene
 from froxel_ref.settings import Settings
 
-__all__ = ["Job", "Need", "Part", "Results", "Stage"]
+__all__ = ["Job", "Need", "Part", "Results", "Same", "Stage"]
 
 
 @dataclass(frozen=True)
@@ -82,6 +82,22 @@ class Stage:
     run: Callable[[Job, Results], dict[str, Field]]
     parts: Callable[[Scene, Settings], tuple[Part, ...]] = lambda scene, settings: ()
     keys: Callable[[Job], Mapping[tuple[str, ...], Hashable]] = lambda job: {}
+
+
+class Same:
+    """An array that is equal to itself alone, for the keys of results that outlive a frame.
+
+    Whether a file that was read again holds the same numbers need not be looked up.
+    """
+
+    def __init__(self, thing: object) -> None:
+        self.thing = thing
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Same) and other.thing is self.thing
+
+    def __hash__(self) -> int:
+        return id(self.thing)
 
 
 def _whole(rays: Rays) -> Rays:

@@ -11,6 +11,7 @@ from numpy.typing import DTypeLike
 
 from froxel_ref.arrays import Field, Points, Sight, Visibility
 from froxel_ref.assets import Assets
+from froxel_ref.jobs import Same
 from froxel_ref.scene import DirectionalLight, HeightField, HeightsFile, Light, Mesh, Scene, SpotLight, Surface
 from froxel_ref.settings import Settings
 from froxel_ref.shadow import KINDS, Stack, make_stack, map_kind, map_of, map_shape, shadowed_lights
@@ -194,19 +195,6 @@ def empty_maps(settings: Settings, dtype: DTypeLike = np.float64) -> dict[str, A
 # --- what has not moved -----------------------------------------------------------------------------
 
 
-class _Same:
-    """An array that is equal to itself alone: whether a file was read again need not be looked up."""
-
-    def __init__(self, thing: object) -> None:
-        self.thing = thing
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and other.thing is self.thing
-
-    def __hash__(self) -> int:
-        return id(self.thing)
-
-
 def map_keys(scene: Scene, settings: Settings, assets: Assets) -> dict[tuple[str, ...], Hashable]:
     """What the maps of each kind depend on: equal keys mean equal maps.
 
@@ -245,7 +233,7 @@ def _numbers(view: Sequence[Any]) -> tuple[Any, ...]:
 
 
 def _place(light: Light, assets: Assets) -> Hashable:
-    given = None if light.shadow_map is None else _Same(assets.shadow_maps[light.shadow_map])
+    given = None if light.shadow_map is None else Same(assets.shadow_maps[light.shadow_map])
     if isinstance(light, DirectionalLight):
         return light.direction, given
     cone = (light.direction, light.outer_angle) if isinstance(light, SpotLight) else None
@@ -255,8 +243,8 @@ def _place(light: Light, assets: Assets) -> Hashable:
 def _shape(surface: Surface, assets: Assets) -> Hashable:
     plain = dataclasses.replace(surface, albedo=(0.0, 0.0, 0.0), name="")
     if isinstance(surface, HeightField) and isinstance(surface.heights, HeightsFile):
-        return plain, _Same(assets.heights[surface.heights])
-    return (plain, _Same(assets.meshes[surface])) if isinstance(surface, Mesh) else plain
+        return plain, Same(assets.heights[surface.heights])
+    return (plain, Same(assets.meshes[surface])) if isinstance(surface, Mesh) else plain
 
 
 # --- what lights see --------------------------------------------------------------------------------

@@ -11,7 +11,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from froxel_ref.fom import opacity_depth, optical_depth, sample_coefficients, segment_coefficients, transmittance
+from froxel_ref.fom import (
+    even_coefficients,
+    falling_coefficients,
+    opacity_depth,
+    optical_depth,
+    sample_coefficients,
+    segment_coefficients,
+    transmittance,
+)
 
 EPS = float(np.finfo(np.float64).eps)
 UNIT = st.floats(0, 1)
@@ -201,3 +209,61 @@ def test_opacity_to_depth():
     capped = opacity_depth(opacity, least_transmittance=1e-5)
     assert capped[5] == capped[4] == pytest.approx(11.5129254, rel=1e-8)
     assert np.array_equal(capped[:4], got[:4])
+
+
+# --- stretches that fall, and marches ---------------------------------------------------------------
+
+
+def exact_falling(start, stop, most, slope, harmonics):
+    """2∫ σ(x) e^{2πikx} dx of σ = most·exp(−|slope|·(way from the denser end)), by its antiderivative."""
+    with mpmath.workdps(120):
+        a, b, m, q = (mpmath.mpf(float(v)) for v in (start, stop, most, slope))
+        rows = []
+        for k in range(harmonics + 1):
+            w = mpmath.mpc(-q, 2 * mpmath.pi * k)
+            dense = a if q >= 0 else b
+            if w == 0:
+                rows.append(2 * m * (b - a))
+            else:
+                rows.append(2 * m * mpmath.exp(q * dense) * (mpmath.exp(w * b) - mpmath.exp(w * a)) / w)
+        return [[r.real for r in rows], [r.imag for r in rows]]
+
+
+@settings(max_examples=80, deadline=None)
+@given(UNIT, UNIT, st.floats(1e-6, 1e4), st.one_of(st.floats(-1e4, 1e4), st.floats(-1e-12, 1e-12), st.just(0.0)),
+       st.integers(0, 8))
+def test_falling_stretches_within_16_ulp_of_forty_digits(a, b, most, slope, harmonics):
+    start, stop = sorted((a, b))
+    if 0.0 < abs(slope) < 1e-15 or stop - start < 1e-12:  # beyond the reference's digits
+        slope, stop = 0.0, start
+    got = falling_coefficients(*(np.array([v]) for v in (start, stop, most, slope)), harmonics=harmonics)
+    want = exact_falling(start, stop, most, slope, harmonics)
+    # In ulp of most·length, the largest that a coefficient of such a stretch may be; the τ of a steep one is less.
+    assert ulps(got, want, max(2 * most * (stop - start), 1e-300)) <= 16
+
+
+def test_a_falling_stretch_that_is_level_is_constant():
+    start, stop, most = np.array([0.125]), np.array([0.875]), np.array([4.0])
+    level = falling_coefficients(start, stop, most, np.zeros(1), harmonics=5)
+    np.testing.assert_allclose(level, segment_coefficients(start, stop, most * 0.75, harmonics=5), atol=4e-15)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(0, 0.5), st.integers(1, 64), st.floats(0, 1), st.booleans(), st.integers(0, 6),
+       st.integers(0, 2**32 - 1))
+def test_a_march_is_the_sum_of_its_samples(start, count, share, filled, harmonics, seed):
+    step = share * 0.5 / count
+    tau = np.random.default_rng(seed).random(count)
+    got = even_coefficients(np.array(start), np.array(step), tau, harmonics=harmonics, filled=filled)
+    half = step / 2 if filled else 0.0
+    with mpmath.workdps(60):
+        exact = [[mpmath.mpf(start) + j * mpmath.mpf(step) + sign * mpmath.mpf(half) for j in range(count)]
+                 for sign in (-1, 1)]
+    want = exact_segments([(a, b, t, 0) for a, b, t in zip(*exact, tau, strict=True)], harmonics)
+    assert ulps(got, want, 2 * tau.sum()) <= 3 * harmonics + 2 * count + 4  # the derived bound, and a little
+
+
+def test_a_march_of_points_may_pass_the_end_and_wraps():
+    """A8: the thesis's last sample lies beyond 1, where cosines come back to the beginning."""
+    got = even_coefficients(np.array(0.75), np.array(0.5), np.array([1.0, 2.0]), filled=False)
+    np.testing.assert_allclose(got, sample_coefficients(np.array([0.75, 0.25]), np.array([1.0, 2.0])), atol=1e-14)
