@@ -67,6 +67,10 @@ class Physics(NamedTuple):
     volumetric: bool
     sun_distance: float
 
+    def dims(self, number: int) -> bool:
+        """Whether media dim a light on its way: with volumetric shadows, a light that casts shadows."""
+        return self.volumetric and self.lights[number].casts_shadows
+
     @property
     def every_medium(self) -> tuple[Medium, ...]:
         """The media's records."""
@@ -154,7 +158,7 @@ def make_bundle(physics: Physics, lines: Lines) -> Bundle:
             if light.casts_shadows} if physics.occluders else {}
     shaded = {i: shadow_cuts(physics.media, physics.extinction, light, lines, lamp=lamps.get(i),
                              sun_distance=physics.sun_distance, time=settings.time)
-              for i, light in enumerate(physics.lights) if colour(light).any()} if physics.volumetric else {}
+              for i, light in enumerate(physics.lights) if physics.dims(i) and colour(light).any()}
     return Bundle(physics, lines, paths, np.concatenate(cuts, axis=1), lamps, suns, dark, shaded)
 
 

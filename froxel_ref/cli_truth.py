@@ -39,8 +39,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                         help="wanted error as a share of the fog's radiance (default: 1e-4)")
     parser.add_argument("--shadows", metavar="KIND",
                         help="exact, or off (default: exact, unless the scene's settings have them off)")
-    parser.add_argument("--volumetric-shadows", action="store_true",
-                        help="let media dim light on its way to the fog and the surfaces")
+    parser.add_argument("--volumetric-shadows", action=argparse.BooleanOptionalAction,
+                        help="let media dim light on its way to the fog and the surfaces (default: as the scene's "
+                             "settings have it)")
     parser.add_argument("--filter", metavar="KIND", default="centre",
                         help="centre of each pixel (default), or box: 49 rays a pixel")
 
@@ -57,7 +58,7 @@ def _options(args: argparse.Namespace) -> Options:
     for option, word, known in (("--shadows", kind, SHADOWS), ("--filter", args.filter, FILTERS)):
         if word not in known:
             raise InputError(option, f"is {shown(word)}, must be {' or '.join(known)}")
-    options = Options(float(args.rtol), kind, args.volumetric_shadows, args.filter)
+    options = Options(float(args.rtol), kind, bool(args.volumetric_shadows), args.filter)
     try:
         check_options(options.rtol, options.shadows, 1.0)
     except InputError as error:
@@ -104,6 +105,8 @@ def run_truth(args: argparse.Namespace, load: Callable[[Any], Loaded]) -> None:
     options, loaded = _options(args), load(args)
     if args.shadows is None:
         options = options._replace(shadows=shadow_kind(loaded.settings))
+    if args.volumetric_shadows is None:
+        options = options._replace(volumetric_shadows=loaded.settings.volumetric_shadows != "off")
     _check_scene(loaded, options, args.scene)
     folder = output_path(args.output, f"truth-{Path(args.scene).stem}")
     check_target(folder, force=args.force)
@@ -126,8 +129,9 @@ def run_truth(args: argparse.Namespace, load: Callable[[Any], Loaded]) -> None:
 
 def _frame(frame: Frame, options: Options) -> str:
     grid = frame.settings.grid
-    lacks = "; without the shadows of media, which frames do not have yet" if options.volumetric_shadows else ""
-    return f"frame ({grid.width} x {grid.height} x {grid.depth} froxels, {frame.settings.precision}{lacks})"
+    lacks = options.volumetric_shadows and frame.settings.volumetric_shadows == "off"
+    words = "; without the shadows of media: settings.volumetric_shadows=off" if lacks else ""
+    return f"frame ({grid.width} x {grid.height} x {grid.depth} froxels, {frame.settings.precision}{words})"
 
 
 def _summary(image: TruthImage, options: Options) -> list[str]:

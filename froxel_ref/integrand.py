@@ -84,7 +84,7 @@ def samples(bundle: Bundle, source: int, part: Pool, x: Array) -> Samples:
         t, stretch = s + lamp.nearest[rows][:, np.newaxis], jacobian(s, scale, far)
     points = line_points(bundle.lines, t, rows)
     passing = through(bundle, t, rows)
-    if source and physics.volumetric:
+    if source and physics.dims(source - 1):
         passing = passing * light_transmittance(
             physics.media, physics.extinction, physics.lights[source - 1], points,
             settings=physics.settings, sun_distance=physics.sun_distance)

@@ -169,7 +169,7 @@ def _evaluate(bundle: Bundle, source: int, part: Pool) -> Estimate:
         values = np.broadcast_to(radiance(bundle, at), (3, *x.shape))
         value, error = kronrod(values, half)
         error = np.maximum(error, missed_density(bundle, at, part, half))
-        if source and bundle.physics.volumetric:
+        if source and bundle.physics.dims(source - 1):
             error = error + thin_layers(bundle, source, part, half, values)
         hidden = GAP * half * hidden_faces(bundle, part, half)
         if hidden.any():

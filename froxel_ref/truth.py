@@ -97,7 +97,7 @@ def trace(scene: Scene, origins: ArrayLike, directions: ArrayLike, ends: ArrayLi
     shadows : {"off", "exact"}
         Whether opaque surfaces block lights. Ambient light is not blocked.
     volumetric_shadows : bool
-        Whether media dim light on its way from the light to the ray.
+        Whether media dim the light of what casts shadows on its way to the ray.
     sun_distance : float [m]
         How far towards directional lights they do; see `froxel_ref.light_paths.light_transmittance`.
     limit_rounds, limit_intervals : int

@@ -122,7 +122,8 @@ def _write(folder: Path, name: str, image: TruthImage) -> dict[str, Any]:
 def _shadows(frame: Frame, options: Options) -> str:
     """What the frame's shadows are, and what of the truth's they lack."""
     by = {"maps": "by maps", "exact": "by rays", "off": "off"}[frame.settings.shadows]
-    return by + (", none of media" if options.volumetric_shadows else "")
+    media = {"maps": "by Fourier opacity maps", "exact": "by rays", "off": "none"}[frame.settings.volumetric_shadows]
+    return by + (f", of media {media}" if options.volumetric_shadows or media != "none" else "")
 
 
 def _manifest(image: TruthImage, loaded: Loaded, options: Options, found: Difference) -> dict[str, Any]:

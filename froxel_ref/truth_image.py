@@ -147,7 +147,7 @@ def shadow_kind(settings: Settings) -> str:
 
 
 def render_truth(scene: Scene, settings: Settings | None = None, *, assets: Assets | None = None,
-                 rtol: float = 1e-4, shadows: str | None = None, volumetric_shadows: bool = False,
+                 rtol: float = 1e-4, shadows: str | None = None, volumetric_shadows: bool | None = None,
                  sun_distance: float = np.inf, far: float | None = None, pixel_filter: str = "centre",
                  threads: int | None = None, progress: Progress | None = None) -> TruthImage:
     """Render an image whose single scattering has converged.
@@ -160,10 +160,12 @@ def render_truth(scene: Scene, settings: Settings | None = None, *, assets: Asse
         boundary are left out, as the frame does.
     assets : Assets, optional
         What the scene's files hold.
-    rtol, volumetric_shadows, sun_distance, threads
-        As for `froxel_ref.truth.trace`; shadows fall on surfaces too.
+    rtol, sun_distance, threads
+        As for `froxel_ref.truth.trace`.
     shadows : {"off", "exact"}, optional
         Default: exact, unless the settings have them off.
+    volumetric_shadows : bool, optional
+        Whether media dim light on its way, to surfaces too. Default: unless the settings have them off.
     far : float, optional [m]
         View depth at which rays end that hit nothing nearer; the grid's far boundary unless given, where
         the frame's fog ends too.
@@ -196,6 +198,8 @@ def render_truth(scene: Scene, settings: Settings | None = None, *, assets: Asse
     """
     settings = settings or Settings()
     shadows = shadow_kind(settings) if shadows is None else shadows
+    if volumetric_shadows is None:
+        volumetric_shadows = settings.volumetric_shadows != "off"
     check_options(rtol, shadows, sun_distance)
     check_filter(scene, pixel_filter)
     from froxel_ref.assets import load_assets
@@ -278,6 +282,7 @@ def _surfaces(scene: Scene, physics: Physics, rays: Rays, assets: Assets,
     # Visibility is one number a light: coloured extinction is shaded one channel at a time.
     planes = []
     for channel in range(physics.extinction.shape[1]):
-        every = {number: partial(passing, channel, number) for number in range(len(physics.lights))}
+        every = {number: partial(passing, channel, number) if physics.dims(number) else opaque[number]
+                 for number in range(len(physics.lights)) if physics.dims(number) or number in opaque}
         planes.append(shade(hits, rays, scene, attenuation=attenuation, visibility=every, threads=threads))
     return hits, planes[0] if len(planes) == 1 else np.stack([plane[c] for c, plane in enumerate(planes)])

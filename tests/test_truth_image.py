@@ -15,7 +15,7 @@ from froxel_ref.cli import main
 from froxel_ref.cli_truth import _summary
 from froxel_ref.panels import PAPER, View
 from froxel_ref.records import InputError
-from froxel_ref.scene import Box, Camera, DirectionalLight, Medium, Plane, Scene, Transform
+from froxel_ref.scene import Box, Camera, DirectionalLight, Medium, Plane, PointLight, Scene, Transform
 from froxel_ref.scene_files import document
 from froxel_ref.settings import Grid, Settings, replace
 from froxel_ref.truth_files import Options
@@ -272,3 +272,16 @@ def test_bad_commands_are_one_line(arguments, message, tmp_path, capsys, monkeyp
     assert len(lines) == 1
     assert lines[0].startswith(f"froxel-ref: error: {message}")
     assert not list(tmp_path.iterdir())
+
+
+def test_lights_that_cast_no_shadows_are_not_dimmed_by_media() -> None:
+    """As in a frame: what casts_shadows says holds for surfaces and media."""
+    lamp = PointLight(position=(0, 2, -3), intensity=(5, 5, 5), radius=9)
+    plain = dataclasses.replace(lamp, casts_shadows=False)
+    scene = Scene(camera=Camera(position=(0, 1, 2), target=(0, 1, -1), width=4, height=3), surfaces=(Plane(),),
+                  global_media=(Medium(extinction=0.3),))
+    with_and_without = [[render_truth(dataclasses.replace(scene, lights=(light,)), shadows="off",
+                                      volumetric_shadows=volumetric).radiance for volumetric in (False, True)]
+                        for light in (lamp, plain)]
+    assert with_and_without[0][1].max() < 0.9 * with_and_without[0][0].max()
+    np.testing.assert_array_equal(with_and_without[1][0], with_and_without[1][1])
