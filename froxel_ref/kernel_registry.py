@@ -158,7 +158,7 @@ def kernels(names: Iterable[str] | None = None) -> list[Kernel]:
     ['phase functions']
     """
     # Registering all that the package has is what importing these does.
-    for module in ("stability_kernels", "stability_slices", "stability_shadows"):
+    for module in ("stability_kernels", "stability_slices", "stability_shadows", "stability_fom"):
         importlib.import_module(f"froxel_ref.{module}")
 
     wanted = list(_KERNELS) if names is None else list(names)
