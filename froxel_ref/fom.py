@@ -58,6 +58,9 @@ def opacity_depth(opacity: Field, *, least_transmittance: float = 0.0) -> Array:
 
 # --- sines and cosines of multiples -----------------------------------------------------------------
 
+# Whose square root is below any length that counts, and whose inverse is a float32.
+TINY = 1e-37
+
 # 2π to twice the digits.
 TWO_PI = float(2.0 * np.pi), 2.4492935982947064e-16
 
@@ -204,20 +207,25 @@ def falling_coefficients(start: Field, stop: Field, most: Field, slope: Field, *
     True
     """
     falls = slope >= 0.0
-    dense, inwards = np.where(falls, start, stop), np.where(falls, 1.0, -1.0)
-    length = stop - start
-    decay = np.abs(slope) * length
-    scale = 2.0 * most * length
-    total, turned = [], []
-    sine, cosine = _turn(np.asarray(dense))
-    turns = [(np.zeros_like(sine), np.ones_like(cosine))] + [(s, c) for _, s, c in _multiples(sine, cosine, harmonics)]
-    for k, (s, c) in enumerate(turns):
-        w = -decay + 2j * np.pi * k * inwards * length
-        with np.errstate(divide="ignore", invalid="ignore", under="ignore"):
-            share = np.where(w == 0.0, 1.0, np.expm1(w) / np.where(w == 0.0, 1.0, w))
-        total.append(np.sum(scale * (share.real * c - share.imag * s), axis=0))
-        turned.append(np.sum(scale * (share.real * s + share.imag * c), axis=0))
-    return np.asarray(np.stack([np.stack(total), np.stack(turned)]), dtype=scale.dtype)
+    sign, length = np.where(falls, 1.0, -1.0), stop - start
+    x, scale = np.abs(slope) * length, 2.0 * most * length
+    with np.errstate(under="ignore"):
+        left, lost = np.exp(-x), -np.expm1(-x)
+    ends = _multiples(*_turn(np.where(falls, start, stop)), harmonics)
+    halves = _multiples(*_turn(0.5 * length), harmonics)
+    total = [np.sum(scale * np.where(x > 0.0, lost / np.maximum(x, TINY), 1.0), axis=0)]
+    turned = [np.zeros_like(total[0])]
+    for (k, sine, cosine), (_, s, c) in zip(ends, halves, strict=True):
+        # φ = (e^w − 1)/w with w = −x + iy, of the half angle y/2, so that e^{iy} − 1 = 2i·s·e^{iy/2} keeps its digits.
+        y = 2.0 * np.pi * k * length
+        real, imaginary = -lost - left * (2.0 * s * s), left * (2.0 * s * c)
+        over = 1.0 / np.maximum(x * x + y * y, TINY)
+        still = over == 1.0 / TINY
+        even = np.where(still, 1.0, (y * imaginary - x * real) * over)
+        odd = np.where(still, 0.0, -(x * imaginary + y * real) * over) * sign
+        total.append(np.sum(scale * (even * cosine - odd * sine), axis=0))
+        turned.append(np.sum(scale * (even * sine + odd * cosine), axis=0))
+    return np.stack([np.stack(total), np.stack(turned)])
 
 
 def even_coefficients(start: Field, step: Field, tau: Field, *, harmonics: int = 3, filled: bool = True) -> Array:

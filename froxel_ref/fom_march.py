@@ -26,6 +26,10 @@ Integers: TypeAlias = NDArray[np.intp]
 DITHER = (1.0 + np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]])) / 16.0
 
 
+# Samples that are worked on at a time: the dozen arrays of them that a march needs stay in the cache.
+SAMPLES = 131072
+
+
 class Marching(NamedTuple):
     """How a march samples.
 
@@ -221,7 +225,12 @@ def _groups(length: Field, how: Marching) -> list[tuple[int, Integers]]:
     eights = 8.0 if how.samples == "segments" else 1.0
     steps = np.maximum(np.ceil(length / (how.step * eights)), 1.0) * eights
     counts = np.minimum(steps, how.most_steps).astype(np.intp)
-    return [(int(count), np.flatnonzero(counts == count)) for count in np.unique(counts)]
+    result = []
+    for count in np.unique(counts).tolist():
+        alike = np.flatnonzero(counts == count)
+        few = max(1, SAMPLES // count)
+        result += [(int(count), alike[begin:begin + few]) for begin in range(0, len(alike), few)]
+    return result
 
 
 def _offset(how: Marching, dither: Field | None) -> Field | float:

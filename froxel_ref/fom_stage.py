@@ -43,8 +43,8 @@ LAMPS = ("fom/light", "fom/tile", "fom/range", "fom/matrix", "fom/coefficients")
 SUNS = ("fom/directional_light", "fom/directional_range", "fom/directional_matrix", "fom/directional_coefficients")
 """Names of the directional lights' results."""
 
-# Rays that are worked on at a time: a march's 64 samples of them stay in the cache.
-RAYS = 2048
+# Rays that are worked on at a time: fewer make calls so short that threads wait for the interpreter.
+RAYS = 8192
 
 # The thesis's program covers this depth of a directional light, about its cascade's plane (A8) [m].
 FIXED_DEPTH = 300.0
