@@ -1,4 +1,4 @@
-"""What a scene's files hold: textures, heights, meshes and image buffers, read once and checked.
+"""What a scene's files hold: textures, heights, meshes, image buffers and opacities, read once and checked.
 
 A scene names its files by paths relative to its folder. Nothing outside that folder is ever opened.
 """
@@ -56,6 +56,8 @@ class Assets(NamedTuple):
         Radiance without fog [W m⁻² sr⁻¹].
     shadow_maps : mapping of str to ndarray, shape (faces, size, size) or (size, size)
         Depths [m] by the path that a light names, +inf where there is nothing.
+    opacities : mapping of str to ndarray, shape (rows, columns)
+        Shares of a particle's opacity by the path that it names, in [0, 1]; row 0 is the top.
     """
 
     textures: Mapping[NoiseDensity | VolumeDensity, NDArray[Any]]
@@ -64,6 +66,7 @@ class Assets(NamedTuple):
     depth: NDArray[Any] | None
     radiance: NDArray[Any] | None
     shadow_maps: Mapping[str, NDArray[Any]] = NONE
+    opacities: Mapping[str, NDArray[Any]] = NONE
 
 
 def load_assets(scene: Scene, folder: Folder) -> Assets:
@@ -116,10 +119,13 @@ def load_assets(scene: Scene, folder: Folder) -> Assets:
         refuse(depths, np.isnan(depths), "depth must be a number, or +inf", file, place=place)
         return depths
 
+    def opacity(path: str, place: str) -> NDArray[Any]:
+        return _read_opacities(folder, path, place).astype(np.float64, copy=False)
+
     depth, radiance = _images(scene, folder)
     return Assets(textures=_each(_textures(scene), texture), heights=_each(_heights(scene), heights),
                   meshes=_meshes(scene, mesh), depth=depth, radiance=radiance,
-                  shadow_maps=_each(_shadow_maps(scene), shadow_map))
+                  shadow_maps=_each(_shadow_maps(scene), shadow_map), opacities=_each(_opacities(scene), opacity))
 
 
 def _each(sources: Iterator[tuple[K, str]], read: Callable[[K, str], V]) -> dict[K, V]:
@@ -147,6 +153,12 @@ def _shadow_maps(scene: Scene) -> Iterator[tuple[str, str]]:
     for i, light in enumerate(scene.lights):
         if light.shadow_map is not None:
             yield light.shadow_map, f"lights[{i}].shadow_map"
+
+
+def _opacities(scene: Scene) -> Iterator[tuple[str, str]]:
+    for i, each in enumerate(scene.particles):
+        if each.texture is not None:
+            yield each.texture, f"particles[{i}].texture"
 
 
 def _meshes(scene: Scene, read: Callable[[Mesh, str], Triangles]) -> dict[Mesh, Triangles]:
@@ -225,6 +237,7 @@ def _paths(scene: Scene) -> Iterator[tuple[str, str]]:
         if isinstance(surface, Mesh):
             yield surface.path, f"surfaces[{i}].path"
     yield from _shadow_maps(scene)
+    yield from _opacities(scene)
     if scene.image_buffers is not None:
         yield scene.image_buffers.depth, "image_buffers.depth"
         if scene.image_buffers.radiance is not None:
@@ -304,6 +317,13 @@ def _read_heights(folder: Folder, path: str, place: str) -> NDArray[Any]:
         raise InputError(place, f"{str(file)!r} has shape {heights.shape}, must be at least (2, 2)")
     refuse(heights, ~np.isfinite(heights), "heights must be finite", file, place=place)
     return heights
+
+
+def _read_opacities(folder: Folder, path: str, place: str) -> NDArray[Any]:
+    file = input_path(folder, path, place)
+    values = _read_floats(file, 2, place)
+    refuse(values, ~((values >= 0.0) & (values <= 1.0)), "opacities must be within 0 and 1", file, place=place)
+    return values
 
 
 def _read_floats(file: Path, ndim: int | None, place: str) -> NDArray[Any]:

@@ -29,6 +29,8 @@ from froxel_ref.scene import (
     Medium,
     Mesh,
     NoiseDensity,
+    Particle,
+    ParticleCloud,
     Plane,
     Scene,
     VolumeDensity,
@@ -52,6 +54,7 @@ def folder(tmp_path: Path) -> Path:
     np.save(base / "density.npy", DENSITY)
     np.save(base / "heights.npy", np.array([[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]]))
     np.save(base / "depth.npy", np.array([[1.0, 2.0, math.inf], [4.0, 5.0, 6.0]], np.float32))
+    np.save(base / "puff.npy", np.array([[0.0, 0.5, 1.0]], np.float16))
     np.save(base / "radiance.npy", np.arange(18, dtype=np.float32).reshape(2, 3, 3))
     (base / "sub" / "square.obj").write_text(SQUARE)
     (tmp_path / "outside.obj").write_text(SQUARE)
@@ -79,7 +82,8 @@ def test_every_kind_is_there(folder: Path) -> None:
     folds, heights, mesh = Folds(size=9), HeightsFile(path="heights.npy"), Mesh(path="sub/square.obj")
     scene = Scene(global_media=(Medium(), Medium(density=DensityTexture(source=seeded))),
                   local_media=media(volume),
-                  surfaces=(HeightField(heights=folds), HeightField(heights=heights), mesh))
+                  surfaces=(HeightField(heights=folds), HeightField(heights=heights), mesh),
+                  particles=(Particle(position=(0, 0, 0)), ParticleCloud(texture="puff.npy")))
     got = load_assets(scene, folder)
     assert set(got.textures) == {volume, seeded}
     assert got.textures[volume].tolist() == (2.0 * DENSITY).tolist()
@@ -93,6 +97,7 @@ def test_every_kind_is_there(folder: Path) -> None:
     assert {tuple(vertices[v]) for v in faces[0]} < set(map(tuple, corners))
     area = np.linalg.norm(np.cross(*(vertices[faces[:, i]] - vertices[faces[:, 0]] for i in (1, 2))), axis=1)
     assert area.tolist() == [4.0, 4.0]  # twice the area of each half
+    assert {path: values.tolist() for path, values in got.opacities.items()} == {"puff.npy": [[0.0, 0.5, 1.0]]}
     assert got.depth is None
     assert got.radiance is None
 
@@ -112,10 +117,11 @@ def test_all_is_float64_whatever_the_files_hold(folder: Path) -> None:
     assert got.depth is not None
     assert got.radiance is not None
     fields = tuple(HeightField(heights=h) for h in (Folds(), HeightsFile(path="heights.npy")))
-    scene = Scene(local_media=media(NoiseDensity(size=4), VolumeDensity(path="density.npy")), surfaces=fields)
+    scene = Scene(local_media=media(NoiseDensity(size=4), VolumeDensity(path="density.npy")), surfaces=fields,
+                  particles=(ParticleCloud(texture="puff.npy"),))
     more = load_assets(scene, folder)
-    arrays = [got.depth, got.radiance, *more.textures.values(), *more.heights.values()]
-    assert [a.dtype for a in arrays] == [np.float64] * 6
+    arrays = [got.depth, got.radiance, *more.textures.values(), *more.heights.values(), *more.opacities.values()]
+    assert [a.dtype for a in arrays] == [np.float64] * 7
 
 
 def test_the_same_source_is_read_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -142,9 +148,9 @@ def test_a_scene_without_files_needs_no_folder() -> None:
 def test_checksums_are_of_the_files(folder: Path) -> None:
     scene = Scene(local_media=media(VolumeDensity(path="density.npy"), NoiseDensity(), VolumeDensity(
         path="density.npy", multiplier=3.0)), surfaces=(Mesh(path="sub/square.obj"), HeightField(
-            heights=HeightsFile(path="heights.npy"))))
+            heights=HeightsFile(path="heights.npy"))), particles=(Particle(position=(0, 0, 0), texture="puff.npy"),))
     got = checksums(scene, folder)
-    assert list(got) == ["density.npy", "heights.npy", "sub/square.obj"]
+    assert list(got) == ["density.npy", "heights.npy", "puff.npy", "sub/square.obj"]
     for path, digest in got.items():
         assert digest == hashlib.sha256((folder / path).read_bytes()).hexdigest()
     assert list(checksums(buffers(), folder)) == ["depth.npy", "radiance.npy"]
@@ -222,6 +228,7 @@ def test_paths_inside_are_followed(folder: Path, path: str) -> None:
     (with_mesh("no.obj"), "surfaces[1].path"),
     (buffers(depth="no.npy"), "image_buffers.depth"),
     (buffers(radiance="no.npy"), "image_buffers.radiance"),
+    (Scene(particles=(ParticleCloud(), ParticleCloud(texture="no.npy"))), "particles[1].texture"),
 ])
 def test_places_are_paths_in_the_scene(folder: Path, scene: Scene, place: str) -> None:
     with pytest.raises(InputError) as fault:
@@ -242,6 +249,21 @@ def test_bad_heights(folder: Path, array: np.ndarray, words: str) -> None:
     np.save(folder / "bad.npy", array)
     with pytest.raises(InputError, match=words):
         load_assets(Scene(surfaces=(HeightField(heights=HeightsFile(path="bad.npy")),)), folder)
+
+
+@pytest.mark.parametrize(("array", "words"), [
+    (np.zeros(3), r"has 1 axes \(3,\), must have 2"),
+    (np.zeros((0, 5)), "every length must be at least 1"),
+    (np.array([[0.0, 1.0], [math.nan, 1.0]]), r"holds nan at \[1, 0\] .* opacities must be within 0 and 1"),
+    (np.array([[0.0, 1.5]]), r"holds 1.5 at \[0, 1\] .* opacities must be within 0 and 1"),
+    (np.array([[-0.1]]), r"holds -0.1 at \[0, 0\]"),
+    (np.zeros((2, 2), np.uint8), "holds uint8, must hold floats"),
+])
+def test_bad_opacities(folder: Path, array: np.ndarray, words: str) -> None:
+    np.save(folder / "bad.npy", array)
+    with pytest.raises(InputError, match=words) as fault:
+        load_assets(Scene(particles=(Particle(position=(0, 0, 0), texture="bad.npy"),)), folder)
+    assert fault.value.place == "particles[0].texture"
 
 
 @pytest.mark.parametrize(("name", "array", "words"), [

@@ -22,6 +22,8 @@ from froxel_ref.scene import (
     LocalMedium,
     Medium,
     NoiseDensity,
+    Particle,
+    ParticleCloud,
     Plane,
     PointLight,
     Scene,
@@ -83,6 +85,7 @@ def test_a_turn_keeps_lengths_and_hands(turn: tuple[float, float, float]) -> Non
 POINT = {"type": "point", "position": [0, 0, 0], "intensity": [1, 1, 1]}
 SPOT = POINT | {"type": "spot"}
 SUN = {"type": "directional", "direction": [0, 1, 0], "irradiance": [1, 1, 1]}
+PUFF = {"type": "particle", "position": [0, 0, 0]}
 NAN, INF = float("nan"), float("inf")
 
 
@@ -165,9 +168,25 @@ NAN, INF = float("nan"), float("inf")
     ({"extra_lights": {"count": -1}}, "extra_lights.count: is -1, must be at least 0 and at most 65536"),
     ({"extra_lights": {"low": [9, 0, 0]}},
      "extra_lights.low: is beyond high, must not exceed it on any axis"),
+    ({"particles": [{"type": "smoke"}]}, "particles[0].type: is 'smoke'; known: cloud, particle"),
+    ({"particles": [{"type": "particle"}]}, "particles[0].position: is missing (its centre)"),
+    ({"particles": [{"position": [0, 0, 0]}]}, "particles[0].type: is missing; known: cloud, particle"),
+    ({"particles": [PUFF, PUFF | {"size": 0}]}, "particles[1].size: is 0, must be above 0 m"),
+    ({"particles": [PUFF | {"opacity": 1.5}]}, "particles[0].opacity: is 1.5, must be at least 0 and at most 1"),
+    ({"particles": [PUFF | {"profile": "round"}]},
+     "particles[0].profile: is 'round', must be one of soft, disc, square"),
+    ({"particles": [PUFF | {"fom_multiplier": -1}]}, "particles[0].fom_multiplier: is -1, must be at least 0"),
+    ({"particles": [PUFF | {"texture": 3}]}, "particles[0].texture: is 3, must be a string"),
+    ({"particles": [{"type": "cloud", "low": [9, 0, 0]}]},
+     "particles[0].low: is beyond high, must not exceed it on any axis"),
+    ({"particles": [{"type": "cloud", "size": [2, 1]}]},
+     "particles[0].size: begins with 2, must not exceed its end, 1"),
+    ({"particles": [{"type": "cloud", "opacity": [0.5, 0.25]}]},
+     "particles[0].opacity: begins with 0.5, must not exceed its end, 0.25"),
+    ({"particles": [{"type": "cloud", "opacity": [0.5]}]}, "particles[0].opacity: has 1 numbers, must have 2"),
     ({"ambient": [0, 0, -1]}, "ambient[2]: is -1, must be at least 0 W m^-2 sr^-1"),
     ({"fog": 1}, "fog: is not a key here; known: ambient, background, camera, description, extra_lights, "
-                 "global_media, image_buffers, lights, local_media, name, surfaces"),
+                 "global_media, image_buffers, lights, local_media, name, particles, surfaces"),
 ])
 def test_what_is_refused_is_named_in_one_line(raw: object, message: str) -> None:
     with pytest.raises(InputError) as caught:
@@ -229,7 +248,9 @@ def test_a_scene_comes_back_from_json() -> None:
         lights=(PointLight(position=(0, 1, 0), intensity=(1, 1, 1)),
                 SpotLight(position=(0, 1, 0), intensity=(1, 1, 1), falloff="inverse_square"),
                 DirectionalLight(direction=(0, 1, 0), irradiance=(1 / 3, 0, 0))),
-        surfaces=(Plane(), Box(transform=Transform(rotate=(10, 20, 30)))))
+        surfaces=(Plane(), Box(transform=Transform(rotate=(10, 20, 30)))),
+        particles=(ParticleCloud(count=3, seed=9, shape="ellipsoid", texture="puff.npy", size=(1, 2)),
+                   Particle(position=(1, 2, 3), rotation=-30, profile="disc", fom_multiplier=0.5)))
     assert from_json(Scene, to_json(whole)) == whole
     assert hash(from_json(Scene, to_json(whole))) == hash(whole)
 
@@ -263,3 +284,49 @@ def test_extra_lights_come_after_the_scenes_own() -> None:
 
 def test_another_seed_gives_other_lights() -> None:
     assert ExtraLights(count=1, seed=1).lights() != ExtraLights(count=1, seed=2).lights()
+
+
+# --- particles --------------------------------------------------------------------------------------
+
+
+@given(count=st.integers(0, 40), seed=st.integers(0, 2**70), shape=st.sampled_from(["box", "ellipsoid"]))
+def test_the_first_particles_of_a_cloud_are_the_same_whatever_the_count(count: int, seed: int, shape: str) -> None:
+    whole = ParticleCloud(count=40, seed=seed, shape=shape).particles()
+    assert whole[:count] == ParticleCloud(count=count, seed=seed, shape=shape).particles()
+
+
+@given(seed=st.integers(0, 2**70), shape=st.sampled_from(["box", "ellipsoid"]))
+def test_a_cloud_is_as_declared(seed: int, shape: str) -> None:
+    low, high = (-1.0, 2.0, 3.0), (1.0, 2.0, 5.0)  # flat: an axis without extent is allowed
+    cloud = ParticleCloud(name="smoke", count=16, seed=seed, low=low, high=high, shape=shape, size=(0.1, 0.3),
+                          rotation=(-20, 20), opacity=(0.25, 0.25), albedo=(0.5, 0.25, 1), phase_anisotropy=0.3,
+                          profile="disc", texture="puff.npy", fom_multiplier=2)
+    for i, each in enumerate(cloud.particles()):
+        assert all(a <= p <= b for a, p, b in zip(low, each.position, high, strict=True))
+        if shape == "ellipsoid":
+            assert each.position[0] ** 2 + (each.position[2] - 4.0) ** 2 <= 1.0 + 1e-15
+        assert 0.1 <= each.size <= 0.3
+        assert -20 <= each.rotation <= 20
+        assert each == Particle(name=f"smoke {i}", position=each.position, size=each.size, rotation=each.rotation,
+                                opacity=0.25, albedo=(0.5, 0.25, 1), phase_anisotropy=0.3, profile="disc",
+                                texture="puff.npy", fom_multiplier=2)
+
+
+@pytest.mark.parametrize(("shape", "variance"), [("box", 1 / 3), ("ellipsoid", 1 / 5)])
+def test_a_cloud_is_even(shape: str, variance: float) -> None:
+    # Over [−1, 1] in box and ball; the variance's own deviation is below 0.3/√20000, and five of them are allowed.
+    cloud = ParticleCloud(count=20000, low=(-1, -1, -1), high=(1, 1, 1), shape=shape)
+    place = np.array([each.position for each in cloud.particles()])
+    assert np.abs(place.mean(axis=0)).max() < 5 * np.sqrt(variance / 20000)
+    np.testing.assert_allclose(np.cov(place.T), variance * np.eye(3), atol=5 * 0.3 / np.sqrt(20000))
+
+
+def test_clouds_expand_in_their_place() -> None:
+    one, two = Particle(name="one", position=(0, 0, 0)), Particle(name="two", position=(0, 0, 0))
+    whole = Scene(particles=(one, ParticleCloud(count=2), two))
+    assert [each.name for each in whole.all_particles] == ["one", "cloud 0", "cloud 1", "two"]
+    assert Scene().all_particles == ()
+
+
+def test_another_seed_gives_another_cloud() -> None:
+    assert ParticleCloud(count=1, seed=1).particles() != ParticleCloud(count=1, seed=2).particles()

@@ -345,7 +345,8 @@ def one_of_each() -> dict[str, Any]:
         'surfaces=[{"type": "plane"}, {"type": "sphere"}, {"type": "mesh", "path": "a"},'
         '{"type": "box", "transform": {"matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]}},'
         '{"type": "height_field", "heights": {"type": "folds"}},'
-        '{"type": "height_field", "heights": {"type": "file", "path": "a"}}]'])
+        '{"type": "height_field", "heights": {"type": "file", "path": "a"}}]',
+        'particles=[{"type": "particle", "position": [0, 0, 0], "texture": "a"}, {"type": "cloud"}]'])
     return document(whole.scene, whole.settings)
 
 
