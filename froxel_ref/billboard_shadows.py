@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from froxel_ref.arrays import Field, Points
-from froxel_ref.billboards import Particles, facing_axes, half_extents, opacity_at, reaches
+from froxel_ref.billboards import Particles, facing, facing_axes, half_extents, opacity_at, reaches
 from froxel_ref.lights import unit
 from froxel_ref.near_pairs import pairs_within
 from froxel_ref.records import InputError, shown
@@ -187,17 +187,12 @@ def _check_depth(depth: str) -> None:
 
 def _lamp_view(particles: Particles, origin: Vec3, size: str, dtype: np.dtype[Any]) -> _View:
     eps = float(np.finfo(dtype).eps)
-    position = particles.position.astype(np.float64)
-    relative = position - np.reshape(origin, (3, 1))
-    distance = np.sqrt((relative * relative).sum(axis=0))
-    apart = distance > 0.0
-    along = np.where(apart, relative / np.where(apart, distance, 1.0), [[0.0], [0.0], [1.0]])
-    right, down = facing_axes(along, particles.turn)
+    along, right, down, distance, half = facing(particles, origin, size=size)
     # Directions within an angle are points of the unit sphere within a chord. A particle at the lamp covers none.
     angle = np.arctan2(reaches(particles, size=size), distance)
-    reach = np.where(apart, 2.0 * np.sin(0.5 * angle) + 32.0 * eps, -1.0)
-    scale = distance / half_extents(particles, size=size)
-    slack = ROUNDINGS * eps * (np.abs(position).max(axis=0, initial=np.abs(origin).max()) + distance)
+    reach = np.where(distance > 0.0, 2.0 * np.sin(0.5 * angle) + 32.0 * eps, -1.0)
+    scale = distance / half
+    slack = ROUNDINGS * eps * (np.abs(particles.position).max(axis=0, initial=np.abs(origin).max()) + distance)
     return _View(*(part.astype(dtype) for part in
                    (along, right * scale, down * scale, distance, along, reach, slack)))
 

@@ -19,12 +19,14 @@ from froxel_ref.sampling import fetch_bilinear
 from froxel_ref.scene import Scene
 
 __all__ = [
-    "PROFILES", "SIZES", "Particles", "facing_axes", "half_extents", "opacity_at", "placed_particles", "reaches",
+    "PROFILES", "SIZES", "Facing", "Particles", "facing", "facing_axes", "half_extents", "opacity_at",
+    "placed_particles", "reaches",
 ]
 
 Integers: TypeAlias = NDArray[np.intp]
 
 PROFILES = ("square", "disc", "soft")
+SQUARE, DISC, SOFT = range(3)
 SIZES = ("edge", "half")
 
 
@@ -60,6 +62,28 @@ class Particles(NamedTuple):
     multiplier: Field
     profile: Integers
     textures: tuple[Field, ...]
+
+
+class Facing(NamedTuple):
+    """The squares of particles as they are turned to a viewer.
+
+    Attributes
+    ----------
+    along : ndarray, shape (3, n)
+        Unit directions from the viewer to the centres.
+    right, down : ndarray, shape (3, n)
+        Unit vectors along the squares' edges, see `facing_axes`.
+    distance : ndarray, shape (n,) [m]
+        From the viewer to the centres; at 0 there is no direction, and (0, 0, 1) stands for it.
+    half : ndarray, shape (n,) [m]
+        Half an edge.
+    """
+
+    along: Field
+    right: Field
+    down: Field
+    distance: Field
+    half: Field
 
 
 def placed_particles(scene: Scene, assets: Assets, *, dtype: DTypeLike = np.float64) -> Particles:
@@ -168,7 +192,7 @@ def reaches(particles: Particles, *, size: str = "edge") -> Field:
     [1.0, 1.4142]
     """
     half = half_extents(particles, size=size)
-    is_round = (particles.profile == PROFILES.index("disc")) | (particles.profile == PROFILES.index("soft"))
+    is_round = (particles.profile == DISC) | (particles.profile == SOFT)
     return np.asarray(np.where(is_round, half, half * np.asarray(math.sqrt(2.0), half.dtype)))
 
 
@@ -212,6 +236,44 @@ def facing_axes(along: Field, turn: Field) -> tuple[Field, Field]:
     return right * c - down * s + 0.0, right * s + down * c + 0.0
 
 
+def facing(particles: Particles, viewer: tuple[float, float, float], *, size: str = "edge") -> Facing:
+    """Turn the particles to a viewer.
+
+    Parameters
+    ----------
+    particles : Particles
+    viewer : (float, float, float) [m]
+        Where it stands.
+    size : {"edge", "half"}
+        As for `half_extents`.
+
+    Returns
+    -------
+    Facing
+        In float64.
+
+    Raises
+    ------
+    InputError
+        As for `half_extents`.
+
+    Examples
+    --------
+    >>> from froxel_ref.assets import load_assets
+    >>> from froxel_ref.scene import Particle
+    >>> scene = Scene(particles=(Particle(position=(0, 0, -2)),))
+    >>> seen = facing(placed_particles(scene, load_assets(scene, None)), (0.0, 0.0, 0.0))
+    >>> seen.along.ravel().tolist(), seen.distance.tolist(), seen.half.tolist()
+    ([0.0, 0.0, -1.0], [2.0], [0.5])
+    """
+    relative = particles.position.astype(np.float64) - np.reshape(viewer, (3, 1))
+    distance = np.sqrt((relative * relative).sum(axis=0))
+    apart = distance > 0.0
+    along = np.where(apart, relative / np.where(apart, distance, 1.0), [[0.0], [0.0], [1.0]])
+    right, down = facing_axes(along, particles.turn.astype(np.float64))
+    return Facing(along, right, down, distance, half_extents(particles, size=size).astype(np.float64))
+
+
 def opacity_at(particles: Particles, index: Integers, x: Field, y: Field) -> Field:
     """Opacities of particles at points of their squares.
 
@@ -245,12 +307,12 @@ def opacity_at(particles: Particles, index: Integers, x: Field, y: Field) -> Fie
     """
     profile = particles.profile[index]
     opacity = np.where((np.abs(x) <= 1.0) & (np.abs(y) <= 1.0), particles.opacity[index].astype(x.dtype), 0.0)
-    kinds = np.unique(particles.profile)
-    if np.any((kinds > 0) & (kinds < len(PROFILES))):
+    kinds = np.unique(particles.profile).tolist()
+    if DISC in kinds or SOFT in kinds:
         rest = np.maximum(1.0 - (x * x + y * y), 0.0)
-        share = np.where(profile == 2, rest * rest, np.where((profile == 1) & (x * x + y * y > 1.0), 0.0, 1.0))
+        share = np.where(profile == SOFT, rest * rest, np.where((profile == DISC) & (x * x + y * y > 1.0), 0.0, 1.0))
         opacity = opacity * share
-    for kind in kinds[kinds >= len(PROFILES)].tolist():
+    for kind in (kind for kind in kinds if kind >= len(PROFILES)):
         on = np.flatnonzero((profile == kind) & (opacity > 0.0))
         texture = particles.textures[kind - len(PROFILES)]
         rows, columns = texture.shape
