@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from froxel_ref.arrays import Field
+from froxel_ref.arrays import Field, FogAt
 from froxel_ref.buffers import Integrated
 from froxel_ref.grid import depth_to_slice, slice_to_depth
 from froxel_ref.records import InputError
 from froxel_ref.sampling import fetch_trilinear
 from froxel_ref.settings import SWITCHES, Grid
 
-__all__ = ["LOOKUPS", "composite", "lookup_fog"]
+__all__ = ["LOOKUPS", "composite", "fog_lookup", "lookup_fog"]
 
 LOOKUPS = tuple(dict.fromkeys(SWITCHES["lookup"]))
 NEAR_SURFACES = tuple(dict.fromkeys(SWITCHES["near_surface"]))
@@ -77,21 +79,65 @@ def lookup_fog(integrated: Integrated, grid: Grid, depth_image: Field, *, lookup
     >>> lookup_fog(fog, grid, depth, lookup="centre", near_surface="first_slice")[1]
     array([[0.5  , 0.5  , 0.5  , 0.375, 0.25 , 0.25 ]])
     """
+    height, width = depth_image.shape
+    at = fog_lookup(integrated, grid, (height, width), lookup=lookup, near_surface=near_surface, threads=threads)
+    return at(np.arange(height).reshape(-1, 1), np.arange(width), depth_image)
+
+
+def fog_lookup(integrated: Integrated, grid: Grid, shape: tuple[int, int], *, lookup: str = "boundary",
+               near_surface: str = "fog", threads: int | None = None) -> FogAt:
+    """Make a function that finds the fog between the camera and points that pixels show.
+
+    Parameters
+    ----------
+    integrated, grid, lookup, near_surface, threads
+        As for `lookup_fog`.
+    shape : (int, int)
+        Height and width of the image [pixels].
+
+    Returns
+    -------
+    callable
+        ``at(rows, columns, depth)``, the three broadcastable to a common shape (…): radiance (3, …) and
+        transmittance (…) or (3, …), with length 1 along axes on which nothing varies.
+
+    Raises
+    ------
+    InputError
+        Unknown lookup.
+
+    Notes
+    -----
+    For what lies in front of the surfaces, such as particles, which have their own depth in a pixel. What is the
+    same for all pixels is worked out once.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> stored = np.array([0.5, 0.25]).reshape(2, 1, 1)
+    >>> fog = Integrated(np.zeros((3, 1, 1, 1)), stored, np.zeros((3, 1, 1)), np.ones((1, 1)))
+    >>> grid = Grid(width=1, height=1, depth=2, near=1.0, far=3.0, distribution="linear")
+    >>> at = fog_lookup(fog, grid, (2, 2))
+    >>> at(np.array([0, 1]), np.array([1, 1]), np.array([2.0, 1.5]))[1]
+    array([0.5 , 0.75])
+    """
     if lookup not in LOOKUPS:
         raise InputError("lookup", f"is {lookup!r}, must be one of {', '.join(LOOKUPS)}")
     if near_surface not in NEAR_SURFACES:
         raise InputError("near_surface", f"is {near_surface!r}, must be one of {', '.join(NEAR_SURFACES)}")
-    dtype = integrated.radiance.dtype
-    height, width = depth_image.shape
-    x = ((np.arange(width) + 0.5) * (grid.width / width)).astype(dtype)
-    y = ((np.arange(height) + 0.5) * (grid.height / height)).reshape(-1, 1).astype(dtype)
-    z = _texel_depth(depth_image, grid, lookup, near_surface).astype(dtype)
-    radiance, transmittance = (
-        fetch_trilinear(_texels(values, front, at_camera, grid, lookup), x, y, z, threads=threads)
-        for values, front, at_camera in (
-            (integrated.radiance, integrated.front_radiance, 0.0),
-            (integrated.transmittance, integrated.front_transmittance, 1.0)))
-    return radiance, transmittance
+    dtype, (height, width) = integrated.radiance.dtype, shape
+    textures = [_texels(values, front, at_camera, grid, lookup) for values, front, at_camera in (
+        (integrated.radiance, integrated.front_radiance, 0.0),
+        (integrated.transmittance, integrated.front_transmittance, 1.0))]
+
+    def at(rows: NDArray[np.integer[Any]], columns: NDArray[np.integer[Any]], depth: Field) -> tuple[Field, Field]:
+        x = ((columns + 0.5) * (grid.width / width)).astype(dtype)
+        y = ((rows + 0.5) * (grid.height / height)).astype(dtype)
+        z = _texel_depth(depth, grid, lookup, near_surface).astype(dtype)
+        radiance, transmittance = (fetch_trilinear(texture, x, y, z, threads=threads) for texture in textures)
+        return radiance, transmittance
+
+    return at
 
 
 def _texel_depth(depth: Field, grid: Grid, lookup: str, near_surface: str) -> NDArray[np.float64]:

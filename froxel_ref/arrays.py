@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Candidates", "Field", "Index", "Points", "Sight", "Visibility"]
+__all__ = ["Candidates", "Field", "FogAt", "Index", "Points", "Sight", "Visibility"]
 
 Field: TypeAlias = NDArray[np.floating[Any]]
 """An array broadcastable to (D, H, W), or channel-first to (3, D, H, W); length 1 where nothing varies."""
@@ -34,3 +34,7 @@ Visibility: TypeAlias = Mapping[int, Sight]
 
 Candidates: TypeAlias = Callable[[slice, slice], NDArray[np.intp]]
 """Given a block's slices and rows, the indices, growing, of the lights or media that it has to visit."""
+
+FogAt: TypeAlias = Callable[[NDArray[np.integer[Any]], NDArray[np.integer[Any]], Field], tuple[Field, Field]]
+"""Given rows and columns of pixels and view depths there, (…), the fog's radiance (3, …) and transmittance, (…) or
+(3, …), from the camera up to them; length 1 where nothing varies."""

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from reference_integrate import lookup_pixel
 
-from froxel_ref.apply import LOOKUPS, composite, lookup_fog
+from froxel_ref.apply import LOOKUPS, composite, fog_lookup, lookup_fog
 from froxel_ref.grid import slice_to_depth
 from froxel_ref.integrate import Integrated, integrate
 from froxel_ref.records import InputError
@@ -243,6 +243,27 @@ def test_one_transmittance_per_colour():
     assert composite(np.ones((3, 8, 10)), np.zeros((3, 1, 1)), got) == pytest.approx(got)
 
 
+@pytest.mark.parametrize("lookup", LOOKUPS)
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_scattered_pixels_have_the_bits_of_the_image(dtype, lookup):
+    g = Grid(width=6, height=4, depth=5)
+    rng = np.random.default_rng(7)
+    image = rng.uniform(0.0, 80.0, (12, 17)).astype(dtype)
+    rows, columns = rng.integers(12, size=40), rng.integers(17, size=40)
+    for fog in (random_fog(g, dtype), random_fog(Grid(width=1, height=1, depth=5), dtype)):
+        at = fog_lookup(fog, g, image.shape, **HOW[lookup])
+        for got, whole in zip(at(rows, columns, image[rows, columns]), lookup_fog(fog, g, image, **HOW[lookup]),
+                              strict=True):
+            assert got.dtype == dtype
+            assert np.array_equal(got, np.broadcast_to(whole, (*whole.shape[:-2], 12, 17))[..., rows, columns])
+
+
+def test_scattered_pixels_of_vacuum_are_one():
+    vacuum = Integrated(np.zeros((3, 1, 1, 1)), np.ones((1, 1, 1)), np.zeros((3, 1, 1)), np.ones((1, 1)))
+    radiance, transmittance = fog_lookup(vacuum, grid(4), (5, 5))(np.arange(5), np.arange(5), np.ones(5))
+    assert (radiance.shape, transmittance.shape) == ((3, 1), (1,))
+
+
 def test_inputs_are_left_alone():
     g = Grid(width=6, height=4, depth=5)
     fog, image = random_fog(g), np.full((3, 5), np.inf)
@@ -258,6 +279,8 @@ def test_switches_are_the_words_of_the_settings():
         lookup_fog(random_fog(grid(2)), grid(2), np.ones((1, 1)), lookup="center")
     with pytest.raises(InputError, match="near_surface: is 'all', must be one of fog, first_slice"):
         lookup_fog(random_fog(grid(2)), grid(2), np.ones((1, 1)), near_surface="all")
+    with pytest.raises(InputError, match="boundary, centre"):
+        fog_lookup(random_fog(grid(2)), grid(2), (1, 1), lookup="center")
 
 
 # --- over the scene ---------------------------------------------------------------------------------
