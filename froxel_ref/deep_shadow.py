@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from froxel_ref.absorbers import Absorbers
+from froxel_ref.absorbers import Absorbers, inverse_lengths
 from froxel_ref.arrays import Field
 
 __all__ = ["deep_map", "direct_depth", "optical_depth", "transmittance"]
@@ -50,20 +50,13 @@ def direct_depth(absorbers: Absorbers, depth: Field) -> Array:
     >>> direct_depth(slab, np.array([0.25, 0.5, 1.0])).tolist()
     [0.0, 2.0, 4.0]
     """
-    start, stop, tau, rise = absorbers
-    point, scale = _scale(start, stop)
+    start, _, tau, rise = absorbers
+    point, scale = inverse_lengths(absorbers)
     total = []
     for d in depth:
         share = np.where(point, d >= start, np.clip((d - start) * scale, 0.0, 1.0))
         total.append(np.sum(share * (tau - 0.5 * rise * (1.0 - share)), axis=0))
     return np.stack(total)
-
-
-def _scale(start: Field, stop: Field) -> tuple[NDArray[np.bool_], Array]:
-    """Which stretches are points, those too short to divide by among them, and 1/length; 0 for points."""
-    length = stop - start
-    point = length < np.finfo(length.dtype).tiny
-    return point, np.where(point, 0.0, 1.0 / np.where(point, 1.0, length))
 
 
 def deep_map(absorbers: Absorbers) -> Array:
@@ -92,8 +85,9 @@ def deep_map(absorbers: Absorbers) -> Array:
     >>> deep_map(slab).reshape(4, 2).tolist()
     [[0.25, 0.75], [0.0, 4.0], [4.0, 0.0], [0.0, 0.0]]
     """
-    start, stop, tau, rise = np.broadcast_arrays(*absorbers)
-    point, scale = _scale(start, stop)
+    absorbers = Absorbers(*np.broadcast_arrays(*absorbers))
+    start, stop, tau, rise = absorbers
+    point, scale = inverse_lengths(absorbers)
     bent = bool(np.any(absorbers.rise))
     place = np.concatenate([start, stop])
     order = np.argsort(place, axis=0, kind="stable")
