@@ -7,6 +7,8 @@ up to φ, an amount between two bounds, which are found and mixed [Münstermann 
 
 from __future__ import annotations
 
+import itertools
+import math
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -28,7 +30,7 @@ Complex: TypeAlias = NDArray[np.complexfloating[Any, Any]]
 # How much of the circle no depth has [Münstermann 2018: a tenth of half a turn].
 WRAPPING = 0.1 * np.pi
 # Least 1 − |γ|² of a reflection coefficient γ: distributions of fewer points than the moments allow reach 0.
-LEAST = 1e-14
+LEAST = 1e-10
 
 
 def trigonometric_moments(absorbers: Absorbers, *, count: int = 2, wrapping: float = WRAPPING) -> Array:
@@ -114,10 +116,10 @@ def transmittance(encoded: Field, depth: Field, *, storage: str | None = None, b
     -----
     As `power_moments.transmittance`, on the circle: count + 1 points have these moments, one of them at φ; the others
     are the roots of K(z, ·), z = e^{iφ}, made of the orthonormal polynomials [Szegő 1975]. They are taken in y =
-    cot(½(θ − φ)), in which K is a real polynomial that leads with K(z, z) ≥ 1. What lies in the zone without depths
-    may have spilled from either end: it counts as lying before by its place in the zone, linear in the angle
-    (published: in a parameter that is cheaper to compute). Reflection coefficients are kept within the unit circle, so
-    that the result stays in [0, 1] whatever rounding did.
+    cot(½(θ − φ)), in which K is a real polynomial that leads with K(z, z) ≥ 1. What lies in the zone without depths may
+    have spilled from either end: it counts as lying before by its place in the zone, linear in the angle (published: in
+    a parameter that is cheaper to compute). Reflection coefficients are kept inside the unit circle, so that the result
+    stays in [0, 1] whatever rounding did. All in float64.
 
     Examples
     --------
@@ -131,9 +133,9 @@ def transmittance(encoded: Field, depth: Field, *, storage: str | None = None, b
         bias = _weight(storage, len(shares) // 2)
     moments = np.asarray((1.0 - bias) * (shares[0::2] + 1j * shares[1::2]), np.complex128)
     phase = _span(wrapping) * np.clip(np.asarray(depth, np.float64), 0.0, 1.0)
-    reflections = _reflections(moments)
+    kernel = _kernel(moments)
     rows = max(1, BLOCK // max(1, whole.size))
-    before = [_before(reflections, phase[i:i + rows], overestimation, wrapping) for i in range(0, len(phase), rows)]
+    before = [_before(kernel, phase[i:i + rows], overestimation, wrapping) for i in range(0, len(phase), rows)]
     with np.errstate(under="ignore"):
         return np.asarray(np.exp(-whole * np.concatenate(before)), dtype)
 
@@ -145,78 +147,63 @@ def _weight(storage: str | None, count: int) -> float:
     return TRIGONOMETRIC_WEIGHTS[key]
 
 
-def _reflections(moments: Complex) -> Complex:
-    """Of the monic polynomials Φ_{j+1} = zΦ_j − γ̄_j Φ*_j, by Levinson's recursion [Szegő 1975]; inside the circle."""
+def _kernel(moments: Complex) -> Complex:
+    """A of K(z, u) = Σ A_lm z̄^l u^m: the sum over the orthonormal polynomials, by Levinson's recursion [Szegő 1975].
+
+    Φ_{j+1} = zΦ_j − γ̄_j Φ*_j, with γ̄_j‖Φ_j‖² = ⟨zΦ_j, 1⟩, and γ kept inside the unit circle.
+    """
     count = len(moments)
-    # A measure's b_{−k} is the conjugate of b_k = ∫ z^k.
-    whole = np.concatenate([np.ones((1, *moments.shape[1:]), moments.dtype), moments])
-    polynomial = [whole[0]]
-    norm = np.ones(moments.shape[1:])
-    result = np.empty_like(moments)
-    for j in range(count):
-        # ⟨zΦ_j, 1⟩ = γ̄_j·‖Φ_j‖².
-        gamma = np.conj(sum(c * whole[k + 1] for k, c in enumerate(polynomial)) / norm)
-        size = np.abs(gamma)
-        gamma = gamma * np.minimum(1.0, np.sqrt(1.0 - LEAST) / np.where(size > 0.0, size, 1.0))
-        result[j] = gamma
-        reverse = [np.conj(c) for c in reversed(polynomial)]
-        ahead = [np.zeros_like(gamma), *polynomial]
-        polynomial = [a - np.conj(gamma) * r for a, r in zip(ahead, [*reverse, np.zeros_like(gamma)], strict=True)]
-        norm = norm * (1.0 - np.abs(gamma) ** 2)
+    rays = moments.shape[1:]
+    result = np.zeros((count + 1, count + 1, *rays), complex)
+    polynomial = np.ones((1, *rays), complex)
+    norm = np.ones(rays)
+    for j in range(count + 1):
+        result[:j + 1, :j + 1] += np.conj(polynomial)[:, None] * polynomial / norm
+        if j == count:
+            break
+        turn = np.sum(polynomial * moments[:j + 1], axis=0) / norm
+        size = np.abs(turn)
+        turn = turn * np.minimum(1.0, math.sqrt(1.0 - LEAST) / np.maximum(size, 0.5))
+        reverse = np.conj(polynomial[::-1])
+        ahead = np.concatenate([np.zeros((1, *rays)), polynomial])
+        ahead[:-1] -= turn * reverse
+        polynomial, norm = ahead, norm * (1.0 - np.abs(turn) ** 2)
     return result
 
 
-def _before(reflections: Complex, phase: Array, overestimation: float, wrapping: float) -> Array:
+def _before(kernel: Complex, phase: Array, overestimation: float, wrapping: float) -> Array:
     """The share of the optical depth that lies before the phase."""
+    count = len(kernel) - 1
     z = np.exp(1j * phase)
-    shape = np.broadcast_shapes(phase.shape, reflections.shape[1:])
-    count = len(reflections)
-    # Of each polynomial at z·u, the coefficients of u⁰ … u^j; beside it the reversed one.
-    polynomial: list[Any] = [np.ones(shape, complex)]
-    norm = np.ones(reflections.shape[1:])
-    kernel = [np.ones(shape, complex)] + [np.zeros(shape, complex) for _ in range(count)]
-    reverse: list[Any] = [np.ones(shape, complex)]
-    for gamma in reflections:
-        turned = [c * z for c in polynomial]
-        ahead, behind = [np.zeros(()), *turned], [*reverse, np.zeros(())]
-        polynomial = [a - np.conj(gamma) * r for a, r in zip(ahead, behind, strict=True)]
-        reverse = [r - gamma * a for a, r in zip(ahead, behind, strict=True)]
-        norm = norm * (1.0 - np.abs(gamma) ** 2)
-        here = np.conj(sum(polynomial)) / norm
-        for k, c in enumerate(polynomial):
-            kernel[k] += here * c
-    y = real_roots(np.stack(_in_cotangents(kernel)))
-    turn = 2.0 * np.arctan2(1.0, y)
-    held = 1.0 / _christoffel(reflections, z * np.exp(1j * turn))
-    own = 1.0 / np.sum(kernel, axis=0).real
-    angle = phase + turn
+    powers = list(itertools.accumulate([z] * count, np.multiply, initial=np.ones_like(z)))
+    behind = [np.conj(p) for p in powers]
+    row = [sum(k * b for k, b in zip(kernel[:, m], behind, strict=True)) * powers[m] for m in range(count + 1)]
+    coefficients = _in_cotangents(row)
+    y = real_roots(np.stack(coefficients))
+    # e^{iθ} = (y + i)/(y − i) is how far a root lies round the circle from the phase.
+    root = z * ((y + 1j) / (y - 1j))
+    diagonals = [np.trace(kernel, offset=k) for k in range(count + 1)]
+    value: Any = diagonals[-1]
+    for diagonal in diagonals[-2:0:-1]:
+        value = value * root + diagonal
+    # K(u, u) is real on the circle, and no point holds more than everything.
+    held = 1.0 / np.maximum(diagonals[0].real + 2.0 * (value * root).real, 1.0)
+    here = 1.0 / coefficients[0]
     # Beyond a whole turn roots lie before the phase; in the zone that no depth has, by their place in it.
+    angle = phase + 2.0 * np.arctan2(1.0, y)
     share = np.clip((angle - (2.0 * np.pi - wrapping)) / max(wrapping, 1e-300), 0.0, 1.0)
     low = np.sum(held * share, axis=0)
-    return np.asarray((low + overestimation * own) / (np.sum(held, axis=0) + own))
+    return np.asarray((low + overestimation * here) / (np.sum(held, axis=0) + here))
 
 
-def _in_cotangents(kernel: list[Complex]) -> list[Array]:
+def _in_cotangents(row: list[Complex]) -> list[Array]:
     """Σ k_m u^m as a real polynomial in y, u = (y + i)/(y − i): coefficients of the highest power first."""
-    count = len(kernel) - 1
-    total: list[Array] = [np.zeros(kernel[0].shape)] * (count + 1)
-    for m, value in enumerate(kernel):
-        factor = np.poly1d([1.0])
+    count = len(row) - 1
+    total: list[Array] = [np.zeros(())] * (count + 1)
+    for m, value in enumerate(row):
+        factor = np.ones(1, complex)
         for root in [-1j] * m + [1j] * (count - m):
-            factor = factor * np.poly1d([1.0, -root])
-        for k, c in enumerate(factor.coeffs):
-            total[k] = total[k] + (value * c).real
-    return total
-
-
-def _christoffel(reflections: Complex, z: Complex) -> Array:
-    """K(z, z) = Σ |φ_j(z)|²."""
-    polynomial, reverse = np.ones_like(z), np.ones_like(z)
-    norm = np.ones(reflections.shape[1:])
-    total = np.ones(z.shape)
-    for gamma in reflections:
-        turned = z * polynomial
-        polynomial, reverse = turned - np.conj(gamma) * reverse, reverse - gamma * turned
-        norm = norm * (1.0 - np.abs(gamma) ** 2)
-        total = total + (polynomial.real**2 + polynomial.imag**2) / norm
+            factor = np.convolve(factor, [1.0, -root])
+        for k, c in enumerate(factor):  # of which every second is real, and the others imaginary
+            total[k] = total[k] + (value.real * c.real if k % 2 == 0 else value.imag * -c.imag)
     return total
