@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from timing import interleaved, table
+from timing import Timing, interleaved, table
 
 from froxel_ref.absorbers import Absorbers, as_points
 from froxel_ref.sampling import fetch_trilinear
@@ -24,8 +24,9 @@ from froxel_ref.techniques import Technique, stored_bytes, technique
 from froxel_ref.volumes import read_vol
 
 DEPTHS = (np.arange(256) + 0.5) / 256.0
-KINDS = {"FOM": "Fourier opacity", "ETM": "cosines (ETM)", "OSM": "opacity slices", "power": "power moments",
-         "trig": "trigonometric moments", "deep": "deep shadow (exact)"}
+KINDS = {"FOM": "FOM: Fourier opacity (harmonics)", "ETM": "ETM: cosines (coefficients)",
+         "OSM": "OSM: opacity slices (slices)", "power": "power moments (moments)",
+         "trig": "trigonometric moments (complex moments)"}
 
 
 class Contender(NamedTuple):
@@ -113,9 +114,9 @@ class Row(NamedTuple):
     largest: dict[str, float]
     overshoot: dict[str, float]
     bytes: int
-    encode: float
-    encode_points: float
-    decode: float
+    encode: Timing
+    encode_points: Timing
+    decode: Timing
 
 
 def errors(way: Technique, rays: Absorbers, exact: np.ndarray) -> tuple[float, float, float | None]:
@@ -125,12 +126,10 @@ def errors(way: Technique, rays: Absorbers, exact: np.ndarray) -> tuple[float, f
     return float(off.mean()), float(off.max()), over
 
 
-def microseconds(ways: Sequence[Technique], repeats: int) -> list[tuple[float, float, float]]:
-    """Of 1000 encodes of stretches, of points and 1000 decodes: least of several; medians are printed apart."""
+def microseconds(ways: Sequence[Technique], repeats: int) -> list[list[Timing]]:
+    """Of 1000 encodes of stretches, of points and 1000 decodes."""
     rng = np.random.default_rng(3)
-    knots = np.linspace(0, 1, 65)
-    rays = stretches(knots, rng.random((65, 1024)))
-    points = particles(1024)
+    rays, points = stretches(np.linspace(0, 1, 65), rng.random((65, 1024))), particles(1024)
     depths = rng.random((64, 1024))
     encoded = [way.encode(rays) for way in ways]
     runs: dict[str, Any] = {}
@@ -139,10 +138,8 @@ def microseconds(ways: Sequence[Technique], repeats: int) -> list[tuple[float, f
         runs[f"{i} points"] = lambda way=way: way.encode(points)
         runs[f"{i} decode"] = lambda way=way, i=i: way.decode(encoded[i], depths)
     timings = interleaved(runs, repeats=repeats)
-    spread = float(np.median([t.median / t.least for t in timings.values()]))
-    print(f"times: least of {repeats}, warm; medians are {spread:.2f} times that\n")
     counts = {"encode": 1024, "points": 1024, "decode": depths.size}
-    return [tuple(1e9 * timings[f"{i} {what}"].least / count for what, count in counts.items())  # type: ignore[misc]
+    return [[Timing(*(1e9 * seconds / count for seconds in timings[f"{i} {what}"])) for what, count in counts.items()]
             for i in range(len(ways))]
 
 
@@ -179,10 +176,13 @@ def tables(rows: Sequence[Row]) -> None:
                   f"{overall(getattr(row, which)):.4f}") for row in rows]
         print(f"{title}\n\n" + table(lines, ("technique", *names, "overall")) + "\n")
     lines = [(row.way.name, *[f"{row.overshoot[n]:.4f}" for n in names]) for row in rows if row.overshoot]
-    print("largest overshoot of transmittance beyond 1 before the clamp\n\n" + table(lines, ("technique", *names)) + "\n")
-    costs = [(row.way.name, row.way.numbers or "varies", row.bytes, f"{row.encode:.0f}", f"{row.encode_points:.0f}",
-              f"{row.decode:.0f}", f"{overall(row.mean):.4f}") for row in rows]
-    print("costs: bytes a ray (of the exact one, with 64 stretches); microseconds per 1000 rays and per 1000 lookups\n")
+    print("largest overshoot of transmittance, beyond 1, before the clamp\n")
+    print(table(lines, ("technique", *names)) + "\n")
+    costs = [(row.way.name, row.way.numbers or "varies", row.bytes,
+              *[f"{t.least:.0f} ({t.median:.0f})" for t in (row.encode, row.encode_points, row.decode)],
+              f"{overall(row.mean):.4f}") for row in rows]
+    print("costs: bytes a ray (of the exact one, with 64 stretches); microseconds per 1000 rays and per 1000 lookups,\n"
+          "least (median) of several, warm\n")
     print(table(costs, ("technique", "numbers", "bytes", "encode 64 stretches", "encode 50 points", "decode",
                         "overall error")) + "\n")
 
@@ -196,8 +196,9 @@ def known_failure() -> None:
           "clamp\n")
 
 
-STYLES = {"FOM": ("tab:blue", "o"), "ETM": ("tab:cyan", "s"), "OSM": ("tab:green", "^"), "power": ("tab:red", "D"),
-          "trig": ("tab:orange", "v")}
+# Colour, marker, and where a point's label stands from it, so that those of neighbours keep apart.
+STYLES = {"FOM": ("tab:blue", "o", (-5, -16)), "ETM": ("tab:cyan", "s", (7, 3)), "OSM": ("tab:green", "^", (-15, -13)),
+          "power": ("tab:red", "D", (-13, -11)), "trig": ("tab:orange", "v", (6, 4))}
 CURVES = [Contender("deep"), Contender("fourier"), Contender("cosine"), Contender("slices"),
           Contender("power", {"count": 6, "storage": "float32"}),
           Contender("trigonometric", {"count": 3, "storage": "float32"})]
@@ -212,42 +213,42 @@ def picture(rows: Sequence[Row], path: Path) -> None:
     for axes, cost, label in ((by_time, "decode", "time of a lookup [ns], NumPy on one core"),
                               (by_size, "bytes", "memory [bytes a ray]")):
         scatter(axes, rows, cost)
-        axes.set(xscale="log", yscale="log", xlabel=label, ylabel="mean absolute error of transmittance")
+        axes.set(xscale="log", yscale="log", ylim=(0.0011, 0.1), xlabel=label)
+        axes.set_ylabel("mean absolute error of transmittance")
         axes.grid(alpha=0.3, which="both")
     by_time.set_title("Error against time (stored in 32 bits)")
-    by_size.set_title("Error against memory (filled: 32 bits, hollow: 16 bits)")
-    by_size.set_xticks([8, 16, 32, 64, 128, 256], ["8", "16", "32", "64", "128", "256"])
-    by_time.set_xticks([20, 50, 100, 200, 500], ["20", "50", "100", "200", "500"])
+    by_size.set_title("Error against memory (stored in 16 bits: moments as unorm16)")
+    by_size.set_xticks([8, 16, 32, 64, 128], ["8", "16", "32", "64", "128"])
+    by_time.set_xticks([5, 10, 20, 50, 100, 200, 500], ["5", "10", "20", "50", "100", "200", "500"])
     for axes in (by_time, by_size):
         axes.minorticks_off()
-        axes.set_yticks([0.005, 0.01, 0.02, 0.05, 0.1], ["0.005", "0.01", "0.02", "0.05", "0.1"])
+        axes.set_yticks([0.002, 0.005, 0.01, 0.02, 0.05, 0.1], ["0.002", "0.005", "0.01", "0.02", "0.05", "0.1"])
+    by_time.set_xlim(3.0, 800.0)
     by_size.legend(loc="lower left")
     one = np.ones((1, 1))
-    curves(layer, as_points(0.5 * one, 4 * one), "Thin layer at 1/2, optical depth 4")
-    curves(slab, Absorbers(0.3 * one, 0.7 * one, 4 * one, 0 * one), "Slab from 0.3 to 0.7, optical depth 4")
+    curves(layer, as_points(0.5 * one, 4 * one), "Thin layer at 1/2, optical depth 4 (FOM 3 = ETM 8 by symmetry)")
+    curves(slab, Absorbers(0.3 * one, 0.7 * one, 4 * one, 0 * one),
+           "Slab from 0.3 to 0.7, optical depth 4 (FOM 3 = ETM 8 by symmetry)")
     layer.legend(loc="lower left")
     figure.savefig(path, dpi=130)
     plt.close(figure)
 
 
 def scatter(axes: Any, rows: Sequence[Row], cost: str) -> None:
-    """One line a family and storage; each point is named by its harmonics, coefficients, slices or moments."""
-    groups: dict[tuple[str, str], list[Row]] = {}
+    """One line a family; each point is named by its harmonics, coefficients, slices or moments."""
+    groups: dict[str, list[Row]] = {}
     for row in rows:
-        family, _, *rest = [*row.way.name.split(), "", ""]
-        storage = " ".join(rest).strip()
-        narrow = storage in ("float16", "unorm16") and not (family in ("power", "trig") and storage == "float16")
-        if family in STYLES and (storage in ("", "float32") or (narrow and cost == "bytes")):
-            groups.setdefault((family, "16" if narrow else "32"), []).append(row)
-    for (family, bits), members in groups.items():
-        colour, marker = STYLES[family]
-        x = [getattr(row, cost) for row in members]
+        family, *rest = row.way.name.split()
+        compact = "unorm16" if family in ("power", "trig") else "float16"
+        if family in STYLES and rest[1:] in ([[compact]] if cost == "bytes" else [[], ["float32"]]):
+            groups.setdefault(family, []).append(row)
+    for family, members in groups.items():
+        colour, marker, offset = STYLES[family]
+        x = [row.decode.least if cost == "decode" else row.bytes for row in members]
         y = [overall(row.mean) for row in members]
-        axes.plot(x, y, color=colour, marker=marker, markersize=7, linewidth=1.2,
-                  linestyle="-" if bits == "32" else "--", markerfacecolor=colour if bits == "32" else "white",
-                  label=KINDS[family] if bits == "32" else None)
+        axes.plot(x, y, color=colour, marker=marker, markersize=7, linewidth=1.2, label=KINDS[family])
         for row, a, b in zip(members, x, y, strict=True):
-            axes.annotate(row.way.name.split()[1], (a, b), xytext=(5, 5), textcoords="offset points", fontsize=9,
+            axes.annotate(row.way.name.split()[1], (a, b), xytext=offset, textcoords="offset points", fontsize=9,
                           color=colour)
 
 
