@@ -23,6 +23,7 @@ from froxel_ref.sampling import fetch_trilinear
 from froxel_ref.techniques import Technique, stored_bytes, technique
 from froxel_ref.volumes import read_vol
 
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"  # beside the repository, as for the tests
 DEPTHS = (np.arange(256) + 0.5) / 256.0
 KINDS = {"FOM": "FOM: Fourier opacity (harmonics)", "ETM": "ETM: cosines (coefficients)",
          "OSM": "OSM: opacity slices (slices)", "power": "power moments (moments)",
@@ -272,7 +273,7 @@ def curves(axes: Any, rays: Absorbers, title: str) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--data", type=Path, default=Path("../shared/data"), help="folder of smoke.vol")
+    parser.add_argument("--data", type=Path, default=DATA, help="folder of smoke.vol")
     parser.add_argument("--picture", type=Path, help="file to draw into")
     parser.add_argument("--repeats", type=int, default=7)
     args = parser.parse_args()

@@ -47,6 +47,8 @@ def test_one_signature(kind, options):
     one = way.decode(way.encode(Absorbers(*(row[:, 1, 2] for row in absorbers))), d[:, 0, 0])
     np.testing.assert_allclose(one, passed[:, 1, 2], atol=2e-3 if options.get("storage") == "float16" else 2e-4)
     if way.uncut is not None:
+        layer = way.encode(as_points(np.array([0.5]), np.array([4.0])))
+        assert way.uncut(layer, np.linspace(0, 1, 101)).max() > 1.01
         np.testing.assert_array_equal(np.minimum(way.uncut(encoded, d), 1.0), passed)
 
 

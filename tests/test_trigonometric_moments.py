@@ -205,6 +205,9 @@ def test_rays_are_the_other_axes():
     d = np.random.default_rng(1).random((5, 3, 1))
     got = transmittance(encoded, d)
     assert got.shape == (5, 3, 4)
+    ends = transmittance(encoded, np.array([-0.5, 0.0, 1.0, 1.5]).reshape(4, 1, 1))
+    assert np.array_equal(ends[0], ends[1])
+    assert np.array_equal(ends[2], ends[3])
     one = Absorbers(*(row[:, 1, 2] for row in absorbers))
     np.testing.assert_allclose(got[:, 1, 2], transmittance(trigonometric_moments(one, count=3), d[:, 1, 0]), rtol=1e-9)
 
