@@ -9,10 +9,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from froxel_ref.arrays import Field
 
-__all__ = ["Absorbers", "as_points", "joined"]
+__all__ = ["Absorbers", "as_points", "inverse_lengths", "joined"]
 
 
 class Absorbers(NamedTuple):
@@ -81,3 +82,28 @@ def joined(*parts: Absorbers) -> Absorbers:
         return np.broadcast_to(field, (count, *shape))
 
     return Absorbers(*(np.concatenate([whole(part, part[i]) for part in parts]) for i in range(4)))
+
+
+def inverse_lengths(absorbers: Absorbers) -> tuple[NDArray[np.bool_], Field]:
+    """Which absorbers are points, and one over the length of those that are not.
+
+    Parameters
+    ----------
+    absorbers : Absorbers
+
+    Returns
+    -------
+    point : ndarray of bool
+        Those too short to divide by among them.
+    inverse : Field [1]
+        0 for points.
+
+    Examples
+    --------
+    >>> stretches = Absorbers(np.zeros(2), np.array([0.0, 0.25]), np.ones(2), np.zeros(1))
+    >>> [a.tolist() for a in inverse_lengths(stretches)]
+    [[True, False], [0.0, 4.0]]
+    """
+    length = absorbers.stop - absorbers.start
+    point = length < np.finfo(length.dtype).tiny
+    return point, np.where(point, 0.0, 1.0 / np.where(point, 1.0, length))
