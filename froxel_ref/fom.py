@@ -166,7 +166,7 @@ def segment_coefficients(start: Field, stop: Field, tau: Field, *, rise: Field |
     linear = np.any(rise)
     terms: list[tuple[Field, Field | None]] = []
     for k in range(harmonics + 1):
-        odd = np.asarray(rise) * spherical_jn(1, np.pi * k * length) if linear else None
+        odd = rise * spherical_jn(1, np.pi * k * length).astype(length.dtype) if linear else None
         terms.append((2.0 * tau * np.sinc(k * length), odd))
     middle: Array = 0.5 * (start + stop)
     low: Field | float = 0.0
@@ -207,7 +207,8 @@ def falling_coefficients(start: Field, stop: Field, most: Field, slope: Field, *
     True
     """
     falls = slope >= 0.0
-    sign, length = np.where(falls, 1.0, -1.0), stop - start
+    length = stop - start
+    sign = np.where(falls, 1.0, -1.0).astype(length.dtype)
     x, scale = np.abs(slope) * length, 2.0 * most * length
     with np.errstate(under="ignore"):
         left, lost = np.exp(-x), -np.expm1(-x)
@@ -333,7 +334,7 @@ def optical_depth(coefficients: Field, depth: Field, *, lanczos: bool = False) -
     total = coefficients[0, 0] * (0.5 * d)
     # Of half the angles: 1 − cos is twice a square then, and what is 0 at the ends is exactly 0.
     for k, s, c in _multiples(*_turn(0.5 * d), highest):
-        weight = (np.sinc(k / (highest + 1.0)) if lanczos else 1.0) / (np.pi * k)
+        weight = (float(np.sinc(k / (highest + 1.0))) if lanczos else 1.0) / (np.pi * k)
         total = total + (coefficients[0, k] * c + coefficients[1, k] * s) * (s * weight)
     return np.asarray(total)
 

@@ -10,11 +10,14 @@ from froxel_ref.fom_views import Wanted, assign_tiles, lamp_reach
 from froxel_ref.jobs import Part
 from froxel_ref.lights import colour
 from froxel_ref.records import InputError
-from froxel_ref.scene import DirectionalLight, LocalMedium, Medium, PointLight, Scene
+from froxel_ref.scene import DirectionalLight, LocalMedium, Medium, Particle, PointLight, Scene
 from froxel_ref.settings import Settings
+from froxel_ref.shadow import map_kind
 
-__all__ = ["assigned_tiles", "dimmed_lamps", "dimmed_suns", "dimming_media", "faces_shape", "map_bytes", "map_parts",
-           "meets", "needs_maps", "used_texels"]
+__all__ = [
+    "assigned_tiles", "casting_particles", "dimmed_lamps", "dimmed_suns", "dimming_media", "faces_shape",
+    "is_octahedral", "map_border", "map_bytes", "map_parts", "meets", "needs_maps", "used_texels",
+]
 
 
 
@@ -47,6 +50,65 @@ def dimming_media(scene: Scene, *, local_only: bool = False) -> dict[int, Medium
     return {i: medium for i, medium in found.items() if isinstance(medium, LocalMedium) or not local_only}
 
 
+def casting_particles(scene: Scene) -> tuple[Particle, ...]:
+    """The particles that dim light.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    tuple of Particle
+
+    Examples
+    --------
+    >>> casting_particles(Scene(particles=(Particle(position=(0, 0, 0), opacity=0),)))
+    ()
+    """
+    return tuple(each for each in scene.all_particles if each.opacity > 0.0 and each.fom_multiplier > 0.0)
+
+
+def is_octahedral(light: PointLight) -> bool:
+    """Whether a lamp's map is an octahedron: of point lights, and of spot lights beyond a half angle of 75°.
+
+    Parameters
+    ----------
+    light : PointLight
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> is_octahedral(PointLight(position=(0, 0, 0), intensity=(1, 1, 1)))
+    True
+    """
+    return map_kind(light) == "point"
+
+
+def map_border(light: PointLight, settings: Settings) -> int:
+    """Texels around a lamp's map; the thesis's program has none on spot lights' tiles (A3).
+
+    Parameters
+    ----------
+    light : PointLight
+    settings : Settings
+
+    Returns
+    -------
+    int
+
+    Examples
+    --------
+    >>> map_border(PointLight(position=(0, 0, 0), intensity=(1, 1, 1)), Settings())
+    1
+    """
+    mirrored = not is_octahedral(light) and settings.fom_spot == "mirrored"
+    return 0 if mirrored else settings.opacity_maps.gutter
+
+
 def dimmed_lamps(scene: Scene, settings: Settings) -> dict[int, PointLight]:
     """Point and spot lights that media or particles may dim on their way, by index.
 
@@ -67,9 +129,17 @@ def dimmed_lamps(scene: Scene, settings: Settings) -> dict[int, PointLight]:
     >>> list(dimmed_lamps(Scene(lights=(lamp,), global_media=(Medium(),)), Settings()))
     [0]
     """
-    media = dimming_media(scene)
-    return {i: light for i, light in enumerate(scene.all_lights) if isinstance(light, PointLight) and _casts(light)
-            and any(meets(light, medium, lamp_reach(light, scene.camera, settings.grid)) for medium in media.values())}
+    media, particles = dimming_media(scene), casting_particles(scene)
+    centers = np.reshape([each.position for each in particles], (-1, 3))
+    radii = np.array([each.size for each in particles]) * 2.0 ** 0.5  # twice that of a square of this edge (A9)
+
+    def dimmed(light: PointLight) -> bool:
+        reach = lamp_reach(light, scene.camera, settings.grid)
+        away = np.linalg.norm(centers - light.position, axis=1) - radii
+        return bool((away < reach).any()) or any(meets(light, medium, reach) for medium in media.values())
+
+    return {i: light for i, light in enumerate(scene.all_lights)
+            if isinstance(light, PointLight) and _casts(light) and dimmed(light)}
 
 
 def dimmed_suns(scene: Scene) -> dict[int, DirectionalLight]:
@@ -89,7 +159,7 @@ def dimmed_suns(scene: Scene) -> dict[int, DirectionalLight]:
     >>> dimmed_suns(Scene(lights=(sun,), global_media=(Medium(),)))
     {}
     """
-    if not dimming_media(scene, local_only=True):
+    if not dimming_media(scene, local_only=True) and not casting_particles(scene):
         return {}
     return {i: light for i, light in enumerate(scene.all_lights)
             if isinstance(light, DirectionalLight) and _casts(light)}
@@ -147,14 +217,14 @@ def needs_maps(scene: Scene, settings: Settings) -> tuple[bool, str]:
     """
     if settings.volumetric_shadows == "off":
         return False, "volumetric shadows are off"
-    if not dimming_media(scene):
+    if not dimming_media(scene) and not casting_particles(scene):
         return False, "the scene has nothing that dims light on its way"
     count = len(dimmed_lamps(scene, settings)) + len(dimmed_suns(scene))
     if not count:
-        return False, "no light that casts shadows is dimmed by a medium"
+        return False, "no light that casts shadows is dimmed by a medium or particle"
     if settings.volumetric_shadows == "exact":
         return False, "volumetric shadows are exact: along a ray from every point"
-    return True, f"{count} light{'s' * (count > 1)} that media may dim"
+    return True, f"{count} light{'s' * (count > 1)} that media or particles may dim"
 
 
 def assigned_tiles(scene: Scene, settings: Settings) -> dict[int, Wanted]:
@@ -196,7 +266,7 @@ def map_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     Examples
     --------
     >>> [part.why for part in map_parts(Scene(), Settings(volumetric_shadows="maps"))]
-    ['none that anything dims', 'none that a local medium dims']
+    ['none that anything dims', 'none that a local medium or particle dims']
     """
     if settings.volumetric_shadows != "maps":
         return ()
@@ -207,7 +277,7 @@ def map_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     parts = [Part("point and spot lights", bool(sizes), f"tiles of the {settings.opacity_maps.atlas}² atlas: {held}"
                   if sizes else "none that anything dims" if not wanted else "the atlas has no room")]
     parts.append(Part("directional lights", suns > 0, f"{suns * settings.shadow_maps.cascades} cascades"
-                      if suns else "none that a local medium dims"))
+                      if suns else "none that a local medium or particle dims"))
     for number, each in wanted.items():
         if each.tile is None:
             parts.append(Part(f"lights[{number}]", False, "media do not dim it: the atlas has no room for "

@@ -267,3 +267,15 @@ def test_a_march_of_points_may_pass_the_end_and_wraps():
     """A8: the thesis's last sample lies beyond 1, where cosines come back to the beginning."""
     got = even_coefficients(np.array(0.75), np.array(0.5), np.array([1.0, 2.0]), filled=False)
     np.testing.assert_allclose(got, sample_coefficients(np.array([0.75, 0.25]), np.array([1.0, 2.0])), atol=1e-14)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_the_type_of_the_inputs_is_the_type_of_the_result(dtype):
+    start, stop, tau = (np.full(3, v, dtype) for v in (0.1, 0.7, 2.0))
+    made = [sample_coefficients(start, tau), segment_coefficients(start, stop, tau),
+            segment_coefficients(start, stop, tau, rise=tau), falling_coefficients(start, stop, tau, -tau),
+            even_coefficients(start[0], stop[0], tau)]
+    for coefficients in made:
+        assert coefficients.dtype == dtype
+        for lanczos in (False, True):
+            assert optical_depth(coefficients, start[0], lanczos=lanczos).dtype == dtype

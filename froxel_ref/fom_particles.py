@@ -1,0 +1,121 @@
+"""What particles add to Fourier opacity maps: points of optical depth where the lights' rays cross them."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from froxel_ref.arrays import Field
+from froxel_ref.billboard_shadows import Crossings
+from froxel_ref.billboards import Particles, reaches
+from froxel_ref.fom import sample_coefficients
+from froxel_ref.fom_lookup import planes_of
+
+__all__ = ["add_crossings", "casting", "crossing_span"]
+
+Integers: TypeAlias = NDArray[np.intp]
+
+
+def casting(particles: Particles) -> Particles:
+    """The particles that dim light.
+
+    Parameters
+    ----------
+    particles : Particles
+
+    Returns
+    -------
+    Particles
+        Those with an opacity and a multiplier above 0.
+
+    Examples
+    --------
+    >>> from froxel_ref.assets import load_assets
+    >>> from froxel_ref.billboards import placed_particles
+    >>> from froxel_ref.scene import Particle, Scene
+    >>> scene = Scene(particles=(Particle(position=(0, 0, 0), opacity=0), Particle(position=(0, 1, 0))))
+    >>> casting(placed_particles(scene, load_assets(scene, None))).position[1].tolist()
+    [1.0]
+    """
+    some = np.flatnonzero((particles.opacity > 0.0) & (particles.multiplier > 0.0))
+    return particles._replace(**{name: getattr(particles, name)[..., some] for name in Particles._fields
+                                 if name != "textures"})
+
+
+def crossing_span(particles: Particles, crossings: Crossings, count: int, *, size: str = "edge"
+                  ) -> tuple[Field, Field]:
+    """Nearest and farthest depth of particles along rays, as if they were as thick as they are wide.
+
+    Parameters
+    ----------
+    particles : Particles
+    crossings : Crossings
+        Of rays and particles.
+    count : int
+        Rays.
+    size : {"edge", "half"}
+        As for `froxel_ref.billboards.half_extents` (A9).
+
+    Returns
+    -------
+    near, far : ndarray, shape (count,) [m]
+        Infinite and −infinite for rays that cross none.
+
+    Notes
+    -----
+    A point at an end of the range would count by half at either end, for a Fourier series is periodic. A puff
+    of smoke that a particle stands for has a thickness; its half before and behind keeps the ends free.
+
+    Examples
+    --------
+    >>> from froxel_ref.assets import load_assets
+    >>> from froxel_ref.billboard_shadows import lamp_hits
+    >>> from froxel_ref.billboards import placed_particles
+    >>> from froxel_ref.scene import Particle, Scene
+    >>> scene = Scene(particles=(Particle(position=(0, 0, -4), size=2, profile="disc"),))
+    >>> ready = placed_particles(scene, load_assets(scene, None))
+    >>> hits = lamp_hits(ready, (0.0, 0.0, 0.0), np.array([[0.0, 0.0], [0.0, 1.0], [-1.0, 0.0]]))
+    >>> [end.tolist() for end in crossing_span(ready, hits, 2)]
+    [[3.0, inf], [5.0, -inf]]
+    """
+    near, far = np.full(count, np.inf), np.full(count, -np.inf)
+    half = reaches(particles, size=size)[crossings.particle]
+    np.minimum.at(near, crossings.ray, crossings.distance - half)
+    np.maximum.at(far, crossings.ray, crossings.distance + half)
+    return near, far
+
+
+def add_crossings(target: Field, crossings: Crossings, near: Field, far: Field) -> None:
+    """Add the coefficients of crossings to a map.
+
+    Parameters
+    ----------
+    target : Field, shape (2K + 2, rows, columns)
+        Changed in place: a_0, b_0, a_1, b_1, …
+    crossings : Crossings
+        Of the rays through its texels, row by row.
+    near, far : ndarray, shape (rows·columns,) or (1,) [m]
+        The depths that the map covers. What lies beyond the far end dims nothing that is looked up, and what lies
+        before the near end dims all of it.
+
+    Examples
+    --------
+    >>> target = np.zeros((4, 1, 2))
+    >>> add_crossings(target, Crossings(np.array([1]), np.array([0]), np.array([3.0]), np.array([0.5])),
+    ...               np.array([1.0]), np.array([9.0]))
+    >>> target[:, 0].round(12).tolist()
+    [[0.0, 1.0], [0.0, 0.0], [0.0, 0.0], [0.0, 1.0]]
+    """
+    count = target.shape[1] * target.shape[2]
+    begin, end = (np.broadcast_to(limit, count)[crossings.ray] for limit in (near, far))
+    some = np.flatnonzero((crossings.distance <= end) & (end > begin))
+    if not some.size:
+        return
+    width = end[some] - begin[some]
+    depth = np.minimum(np.maximum((crossings.distance[some] - begin[some]) / width, 0.0), 1.0)
+    made = planes_of(sample_coefficients(depth[np.newaxis], crossings.tau[some].astype(np.float64)[np.newaxis],
+                                         harmonics=len(target) // 2 - 1))
+    for plane, values in zip(target.reshape(len(target), -1), made, strict=True):
+        plane += np.bincount(crossings.ray[some], weights=values, minlength=count).astype(plane.dtype)
