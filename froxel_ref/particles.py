@@ -351,6 +351,6 @@ def _phase(points: Points, viewer: tuple[float, float, float], towards: Points, 
     # A point at the viewer's own place has no direction to it; any finite one will do.
     length = np.maximum(np.sqrt(x * x + y * y + z * z), np.finfo(x.dtype).tiny)
     x, y, z = x / length, y / length, z / length
-    cosine = -dot((x, y, z), towards)
-    return henyey_greenstein(cosine, g, versine=versine((x, y, z), towards),
+    away = versine((x, y, z), towards)
+    return henyey_greenstein(1.0 - away, g, versine=away,
                              mirrored_versine=versine((-x, -y, -z), towards) if np.any(g < 0.0) else None)

@@ -97,9 +97,11 @@ def test_the_image_is_that_of_the_scalar_loop(seed, up):
     rng = np.random.default_rng(seed)
     camera = Camera(position=(0.1, -0.2, 0.3), target=tuple(rng.uniform((-1, -1, -4), (1, 1, -3)).tolist()), up=up,
                     vertical_fov=70, width=17, height=12)
-    # One wider than the way to it, one at the camera, one behind it that reaches before it.
+    # One wider than the way to it, one at the camera, one behind it that reaches before it, and one that it stands
+    # beside, so that rays backwards would meet it.
     particles = (*strewn(rng, 14), Particle(position=(0.1, -0.2, 0.28), size=3), Particle(position=(0.1, -0.2, 0.3)),
-                 Particle(position=(0.8, -0.2, 0.35), size=3, profile="square", opacity=0.3))
+                 Particle(position=(0.8, -0.2, 0.35), size=3, profile="square", opacity=0.3),
+                 Particle(position=(0.15, -0.15, 0.3), size=4, profile="square", opacity=0.6))
     depth = np.where(rng.random((12, 17)) < 0.3, np.inf, rng.uniform(0.5, 8, (12, 17)))
     got = drawn(*particles, camera=camera, depth=depth, light_on=light_on_of(particles), fog_at=fog_at)
     radiance, through = by_hand(particles, camera, depth)
@@ -240,12 +242,20 @@ def test_nothing_to_see_is_one_texel(particles):
     assert (got.radiance.tolist(), got.transmittance.tolist()) == ([[[0.0]]] * 3, [[1.0]])
 
 
+@pytest.mark.parametrize("z", [-1, 1])
+def test_a_particle_at_the_camera_is_left_out(z):
+    camera = dataclasses.replace(AHEAD, target=(0, 0, z))
+    got = drawn(Particle(position=(0, 0, 0), size=3, profile="square"), camera=camera)
+    assert got.transmittance.tolist() == [[1.0]]
+
+
 def test_batches_make_no_difference(monkeypatch):
     every = strewn(np.random.default_rng(10), 16)
-    whole = drawn(*every, light_on=light_on_of(every), fog_at=fog_at)
-    for block in (1, 50):
+    how = {"camera": dataclasses.replace(AHEAD, width=32, height=32), "light_on": light_on_of(every), "fog_at": fog_at}
+    whole = drawn(*every, **how)
+    for block in (1, 500, 2000):
         monkeypatch.setattr(module, "BLOCK", block)
-        for a, b in zip(drawn(*every, light_on=light_on_of(every), fog_at=fog_at), whole, strict=True):
+        for a, b in zip(drawn(*every, **how), whole, strict=True):
             np.testing.assert_array_equal(a, b)
 
 
@@ -274,7 +284,7 @@ LIGHTS = (
     PointLight(position=(1, 2, -3), intensity=(3, 2, 1), radius=3),
     DirectionalLight(direction=(1, 2, 3), irradiance=(0.5, 1, 0.25)),
     SpotLight(position=(0, 3, -2), intensity=(1, 5, 2), direction=(0, -1, -0.3), outer_angle=60, radius=8),
-    PointLight(position=(-2, 0, -2), intensity=(2, 2, 2), falloff="inverse_square"),
+    PointLight(position=(-2, 0, -2), intensity=(2, 2, 2), falloff="inverse_square", radius=0.5),
     PointLight(position=(0, 0, -2), intensity=(0, 0, 0)),
     PointLight(position=(40, 0, -2), intensity=(1, 1, 1), radius=3),
 )
