@@ -129,7 +129,7 @@ def main() -> None:
     print("\nvolumetric stages of a frame, float64, milliseconds: shadows of media off, on, and on with the maps of "
           "the frame before;\nbeside it on over off in the thesis's table 4.10, for its two machines")
     rows = [on_and_off("thesis-hall", grid, args.repeats) for grid in TABLE_4_10]
-    #rows.append(on_and_off("particles-in-fog", (160, 90, 64), args.repeats))
+    rows.append(on_and_off("particles-in-fog", (160, 90, 64), args.repeats))
     print(table(rows, ("scene", "off", "on", "kept", "on/off", "kept/off", "RX 5700 XT", "GTX 1050")))
     if not args.skip_error:
         print("\nerror of the visibility of three lamps of thesis-hall against exact ways; time for a map [ms] and a "

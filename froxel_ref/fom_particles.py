@@ -117,5 +117,6 @@ def add_crossings(target: Field, crossings: Crossings, near: Field, far: Field) 
     depth = np.minimum(np.maximum((crossings.distance[some] - begin[some]) / width, 0.0), 1.0)
     made = planes_of(sample_coefficients(depth[np.newaxis], crossings.tau[some].astype(np.float64)[np.newaxis],
                                          harmonics=len(target) // 2 - 1))
-    for plane, values in zip(target.reshape(len(target), -1), made, strict=True):
-        plane += np.bincount(crossings.ray[some], weights=values, minlength=count).astype(plane.dtype)
+    for plane, values in zip(target, made, strict=True):  # which may be a view of an atlas
+        added = np.bincount(crossings.ray[some], weights=values, minlength=count)
+        plane += added.reshape(plane.shape).astype(plane.dtype)

@@ -20,6 +20,7 @@ from froxel_ref.scene import (
     HeightFog,
     LocalMedium,
     Medium,
+    Particle,
     PointLight,
     Scene,
     Sphere,
@@ -47,9 +48,9 @@ def forced(job: Job) -> Job:
     -------
     Job
         Media without height fog get a falloff of 0, media without a texture one of ones. The scene gets an
-        empty local medium and an empty unbounded one if it has none, a black sun, a black lamp, and a
-        sphere behind the camera if it has no surface. Each is an exact 0 or 1 in the arithmetic, so the
-        frame must come out the same bit for bit.
+        empty local medium and an empty unbounded one if it has none, a black sun, a black lamp, a sphere behind
+        the camera if it has no surface, and a particle of opacity 0 if it has none. Each is an exact 0 or 1 in
+        the arithmetic, so the frame must come out the same bit for bit.
 
     Notes
     -----
@@ -67,8 +68,9 @@ def forced(job: Job) -> Job:
     lights = (*scene.all_lights, DirectionalLight(direction=(0.0, 1.0, 0.0), irradiance=BLACK),
               PointLight(position=scene.camera.target, intensity=BLACK, casts_shadows=False))
     surfaces = scene.surfaces if scene.surfaces or scene.image_buffers else (_behind(scene),)
+    particles = scene.particles or (Particle(position=scene.camera.target, opacity=0.0),)
     scene = dataclasses.replace(
-        scene, lights=lights, extra_lights=ExtraLights(), surfaces=surfaces,
+        scene, particles=particles, lights=lights, extra_lights=ExtraLights(), surfaces=surfaces,
         local_media=tuple(map(_with_all_parts, local)), global_media=tuple(map(_with_all_parts, everywhere)))
     textures = dict(job.assets.textures) | {_ONES: np.ones((2, 2, 2))}
     return dataclasses.replace(job, scene=scene, settings=settings,

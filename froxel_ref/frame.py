@@ -125,7 +125,7 @@ def estimate_bytes(scene: Scene, settings: Settings) -> int:
         if name.startswith(("shadow/", "fom/", "culling/")):
             continue
         size = {"c": 3, "l": lobes} | (sizes if "z" in quantity.axes or quantity.on_grid else image)
-        tinted = name.endswith(("extinction", "transmittance"))
+        tinted = name.endswith(("extinction", "transmittance")) and not name.startswith("particles/")
         total += math.prod(size[axis] for axis in quantity.axes) * (tints if tinted else 1)
     return (total * np.dtype(settings.precision).itemsize + map_bytes(scene, settings)
             + opacity_bytes(scene, settings) + _list_bytes(scene, settings))

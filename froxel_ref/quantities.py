@@ -73,7 +73,9 @@ QUANTITIES: dict[str, Quantity] = {
     "integrate/transmittance": Quantity("zyx", "1", "transmittance up to the slice's far boundary"),
     "integrate/front_radiance": Quantity("cyx", RADIANCE, "fog's radiance up to the near boundary", True),
     "integrate/front_transmittance": Quantity("yx", "1", "transmittance up to the near boundary", True),
+    "particles/radiance": Quantity("cyx", RADIANCE, "the particles' light, fogged at their own depth, times opacity"),
+    "particles/transmittance": Quantity("yx", "1", "share of what lies behind the particles that passes"),
     "apply/fog_radiance": Quantity("cyx", RADIANCE, "fog's radiance in front of each pixel's surface"),
     "apply/fog_transmittance": Quantity("yx", "1", "transmittance in front of each pixel's surface"),
-    FINAL: Quantity("cyx", RADIANCE, "the final image: surface times transmittance, plus fog"),
+    FINAL: Quantity("cyx", RADIANCE, "the final image: surface times transmittance, plus fog, under particles"),
 }

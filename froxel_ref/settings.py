@@ -243,6 +243,9 @@ class Settings(Record):
         "maps", "exact", "off", default="off",
         about="shadows of media and particles: by Fourier opacity maps, along a ray from every point, or none")
     opacity_maps: OpacityMaps = nested(OpacityMaps, default=OpacityMaps(), about="for volumetric shadows by maps")
+    particles_lit_at: str = choice(
+        "pixel", "centre", default="pixel",
+        about="where particles are lit: at every point that a pixel shows, or at their centre")
     culling: Culling = nested(Culling, default=Culling(), about="the lists of lights and local media")
     precision: str = choice("float64", "float32", default="float64", about="type of the arithmetic")
     time: float = number(0.0, "scene time, moves scrolling textures", unit="s",

@@ -8,8 +8,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from froxel_ref import apply, culling, fom_plan, fom_stage, grid, integrate, lighting, media, shadow_stage, surface
-from froxel_ref.arrays import Candidates, Field, Points, Visibility
+from froxel_ref import (
+    apply,
+    culling,
+    fom_plan,
+    fom_stage,
+    grid,
+    integrate,
+    lighting,
+    media,
+    particles,
+    shadow_stage,
+    surface,
+)
+from froxel_ref.arrays import Candidates, Field, FogAt, Points, Visibility
+from froxel_ref.billboards import placed_particles
 from froxel_ref.buffers import Integrated, VBuffer
 from froxel_ref.fom_lookup import both_sights
 from froxel_ref.jobs import Job, Need, Part, Results, Stage
@@ -354,6 +367,48 @@ def _run_integrate(job: Job, results: Results) -> dict[str, Field]:
     return {f"integrate/{name}": field for name, field in whole._asdict().items()}
 
 
+# --- particles --------------------------------------------------------------------------------------
+
+
+def _needs_particles(scene: Scene, settings: Settings) -> Need:
+    seen = sum(each.opacity > 0.0 for each in scene.all_particles)
+    return _some(seen, _count(seen, "particle"), "the scene has no particles")
+
+
+def _particle_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
+    return (Part("fog in front of them", *_needs_integrate(scene, settings)),
+            Part("lights", *_some(scene.all_lights, _count(len(scene.all_lights), "light"), "the scene has none")))
+
+
+def _run_particles(job: Job, results: Results) -> dict[str, Field]:
+    scene, how = job.scene, job.settings
+    ready = placed_particles(scene, job.assets, dtype=job.dtype)
+    size = "half" if how.fom_particles == "centre" else "edge"
+    light_on = particles.scattered_light(
+        ready, scene.all_lights, scene.camera.position, ambient=scene.ambient, visibility=_visibility(job, results),
+        attenuation=how.attenuation, size=size, restrict=not job.full)
+    shape = scene.camera.height, scene.camera.width
+    layer = particles.render_particles(
+        ready, scene.camera, job.image_rays, np.broadcast_to(results["surface/depth"], shape), light_on,
+        _fog_at(job, results, shape), lit_at=how.particles_lit_at, size=size)
+    radiance, passed = layer
+    if how.exposure == "lighting":
+        radiance = radiance * job.dtype.type(scene.camera.exposure)
+    if job.full:
+        radiance, passed = np.broadcast_to(radiance, (3, *shape)).copy(), np.broadcast_to(passed, shape).copy()
+    return {"particles/radiance": radiance, "particles/transmittance": passed}
+
+
+def _fog_at(job: Job, results: Results, shape: tuple[int, int]) -> FogAt:
+    """The fog in front of points that pixels show; none where the scene has none."""
+    how = job.settings
+    if not (_needs_integrate(job.scene, how)[0] or job.full):
+        return lambda rows, columns, depth: (_constant(job, "cx", BLACK), _constant(job, "x", 1.0))
+    integrated = Integrated(*(results[name] for name in _INTEGRATED))
+    return apply.fog_lookup(integrated, how.grid, shape, lookup=how.lookup, near_surface=how.near_surface,
+                            threads=job.threads)
+
+
 # --- apply ------------------------------------------------------------------------------------------
 
 
@@ -366,7 +421,15 @@ def _needs_fog(scene: Scene, settings: Settings) -> Need:
 def _apply_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     fog, _ = _needs_fog(scene, settings)
     return (Part("fog lookup", fog, "at each pixel's depth" if fog else "the scene has no fog to look up"),
-            Part("surface", *_needs_surface(scene, settings)))
+            Part("surface", *_needs_surface(scene, settings)),
+            Part("particles", *_needs_particles(scene, settings)))
+
+
+def _under_particles(job: Job, image: Field, results: Results) -> Field:
+    """The image with the particles laid over it."""
+    if not (_needs_particles(job.scene, job.settings)[0] or job.full):
+        return image
+    return apply.composite(image, results["particles/radiance"], results["particles/transmittance"])
 
 
 def _run_apply(job: Job, results: Results) -> dict[str, Field]:
@@ -375,7 +438,7 @@ def _run_apply(job: Job, results: Results) -> dict[str, Field]:
         radiance = radiance * job.dtype.type(job.scene.camera.exposure)
     if not (_needs_fog(job.scene, job.settings)[0] or job.full):
         return {"apply/fog_radiance": _constant(job, "cyx", BLACK),
-                "apply/fog_transmittance": _constant(job, "yx", 1.0), FINAL: radiance}
+                "apply/fog_transmittance": _constant(job, "yx", 1.0), FINAL: _under_particles(job, radiance, results)}
     integrated = Integrated(*(results[name] for name in _INTEGRATED))
     camera = job.scene.camera
     depth = results["surface/depth"]
@@ -386,7 +449,7 @@ def _run_apply(job: Job, results: Results) -> dict[str, Field]:
     if job.settings.surface_term == "inside":
         surface_share, _ = _looked_up(job, _path(job, results["media/extinction"]), depth)
     return {"apply/fog_radiance": fog, "apply/fog_transmittance": transmittance,
-            FINAL: apply.composite(radiance, fog, surface_share)}
+            FINAL: _under_particles(job, apply.composite(radiance, fog, surface_share), results)}
 
 
 def _looked_up(job: Job, integrated: Integrated, depth: Field) -> tuple[Field, Field]:
@@ -411,6 +474,7 @@ _LIGHTS, _LOCAL = (tuple(f"culling/{kind}_{name}" for name in culling.Culled._fi
 _SURFACE = ("surface/depth", "surface/normal", "surface/albedo", "surface/radiance")
 _SHADOW = tuple(name for names in shadow_stage.NAMES.values() for name in names)
 _FOM = (*fom_stage.LAMPS, *fom_stage.SUNS)
+_PARTICLES = ("particles/radiance", "particles/transmittance")
 _INTEGRATED = tuple(f"integrate/{name}" for name in Integrated._fields)
 
 
@@ -440,8 +504,12 @@ STAGES: tuple[Stage, ...] = (
     Stage("integrate", "radiance and transmittance from the camera to each slice",
           ("lighting/in_scattering", "media/extinction"), _INTEGRATED, _needs_integrate, _neutral_integrate,
           _run_integrate),
-    Stage("apply", "the fog looked up at each pixel's depth, over the surface",
-          (*_SURFACE, *_INTEGRATED, "media/extinction"),
+    Stage("particles", "billboards, lit and fogged at their own depth, from back to front",
+          (*_SHADOW, *_FOM, "surface/depth", *_INTEGRATED), _PARTICLES, _needs_particles,
+          lambda job: {"particles/radiance": _constant(job, "cyx", BLACK),
+                       "particles/transmittance": _constant(job, "yx", 1.0)}, _run_particles, _particle_parts),
+    Stage("apply", "the fog looked up at each pixel's depth, over the surface, and particles over both",
+          (*_SURFACE, *_INTEGRATED, "media/extinction", *_PARTICLES),
           ("apply/fog_radiance", "apply/fog_transmittance", FINAL), _always, lambda job: {}, _run_apply,
           _apply_parts),
 )

@@ -214,7 +214,7 @@ def test_uniform_leaves_out_what_it_does_not_need() -> None:
     for name in ("local media", "height fog", "density textures", "shadows", "point and spot lights"):
         assert not parts[name].runs
         assert parts[name].why
-    assert [planned.name for planned in the_plan.left_out] == ["shadow", "fom", "surface", "culling"]
+    assert [planned.name for planned in the_plan.left_out] == ["shadow", "fom", "surface", "culling", "particles"]
     frame = run_frame(scene, how)
     assert frame["media/extinction"].shape == (1, 1, 1)
     assert frame["lighting/in_scattering"].shape == (3, 1, 8, 12)
@@ -333,7 +333,7 @@ def test_estimate_is_the_sum_of_all_results_at_full_size() -> None:
     assert frame["lighting/in_scattering"].size == 3 * volume
     media, lobes, lighting, integrated = 3 + 3 + 1 + 3 + 1, 0, 3, 3 + 1
     by_hand = 8 * ((media + lobes + lighting + integrated) * volume + g.depth + (3 + 1) * face
-                   + (1 + 3 + 3 + 3 + 3 + 1 + 3) * image)
+                   + (1 + 3 + 3 + 3 + 3 + 1 + 3 + 3 + 1) * image)
     # One sun with four cascades, nine lamps with six faces; a matrix of 12 numbers for each, an index a light.
     by_hand += 8 * (4 * (32 * 32 + 12) + 1 + 9 * (6 * (16 * 16 + 12) + 1))
     words = sum(frame[f"culling/{kind}_tiles"].shape[0] for kind in ("light", "medium"))
