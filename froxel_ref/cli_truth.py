@@ -73,7 +73,8 @@ def _check_scene(loaded: Loaded, options: Options, name: str) -> None:
     try:
         check_integrable(loaded.scene, loaded.settings)
     except InputError as error:
-        raise InputError(error.place, f"{error.problem}; to see its surfaces: froxel-ref render {name}") from None
+        see = f"; to see its surfaces: froxel-ref render {name}" if error.place == "scene" else ""
+        raise InputError(error.place, error.problem + see) from None
     try:
         check_filter(loaded.scene, options.filter)
     except InputError as error:

@@ -86,7 +86,8 @@ def check_integrable(scene: Scene, settings: Settings) -> None:
     Raises
     ------
     InputError
-        No medium that dims or glows; or no light, ambient light or emission.
+        No medium that dims or glows; or no light, ambient light or emission; or particles, which the truth does
+        not draw.
 
     Examples
     --------
@@ -95,6 +96,8 @@ def check_integrable(scene: Scene, settings: Settings) -> None:
         ...
     froxel_ref.records.InputError: scene: has no medium with extinction or emission: nothing to integrate
     """
+    if any(each.opacity > 0.0 for each in scene.all_particles):
+        raise InputError("particles", "are not in the truth, must be left out (--set scene.particles=[])")
     media = contributing((*scene.global_media, *scene.local_media))
     if not media:
         raise InputError("scene", "has no medium with extinction or emission: nothing to integrate")
@@ -202,6 +205,8 @@ def render_truth(scene: Scene, settings: Settings | None = None, *, assets: Asse
         volumetric_shadows = settings.volumetric_shadows != "off"
     check_options(rtol, shadows, sun_distance)
     check_filter(scene, pixel_filter)
+    if any(each.opacity > 0.0 for each in scene.all_particles):
+        check_integrable(scene, settings)
     from froxel_ref.assets import load_assets
 
     assets = load_assets(scene, None) if assets is None else assets
