@@ -387,13 +387,12 @@ def _run_particles(job: Job, results: Results) -> dict[str, Field]:
     light_on = particles.scattered_light(
         ready, scene.all_lights, scene.camera.position, ambient=scene.ambient, visibility=_visibility(job, results),
         attenuation=how.attenuation, size=size, restrict=not job.full)
+    exposure = job.dtype.type(scene.camera.exposure if how.exposure == "lighting" else 1.0)  # the fog's has it
     shape = scene.camera.height, scene.camera.width
-    layer = particles.render_particles(
-        ready, scene.camera, job.image_rays, np.broadcast_to(results["surface/depth"], shape), light_on,
-        _fog_at(job, results, shape), lit_at=how.particles_lit_at, size=size)
-    radiance, passed = layer
-    if how.exposure == "lighting":
-        radiance = radiance * job.dtype.type(scene.camera.exposure)
+    radiance, passed = particles.render_particles(
+        ready, scene.camera, job.image_rays, np.broadcast_to(results["surface/depth"], shape),
+        lambda points, index: light_on(points, index) * exposure, _fog_at(job, results, shape),
+        lit_at=how.particles_lit_at, size=size)
     if job.full:
         radiance, passed = np.broadcast_to(radiance, (3, *shape)).copy(), np.broadcast_to(passed, shape).copy()
     return {"particles/radiance": radiance, "particles/transmittance": passed}

@@ -274,8 +274,9 @@ def test_units_of_length_do_not_matter(factor: float) -> None:
     np.testing.assert_allclose(other, one, rtol=1e-14)  # measured: below 1e-15
 
 
-def test_exposure_moves_into_the_lighting_without_changing_the_display() -> None:
-    scene, how = small("two-volumes")
+@pytest.mark.parametrize("name", ["two-volumes", "particles-in-fog"])
+def test_exposure_moves_into_the_lighting_without_changing_the_display(name: str) -> None:
+    scene, how = small(name)
     scene = dataclasses.replace(scene, camera=dataclasses.replace(scene.camera, exposure=2.0))
     after, within = (run_frame(scene, replace(how, exposure=where)) for where in ("display", "lighting"))
     np.testing.assert_array_equal(after[FINAL] * after.display_exposure,
