@@ -10,6 +10,7 @@
 - *normal*: ½ + ½n;
 - *depth*: a colour ramp over the logarithm; grey where a ray hits nothing;
 - *span* (depth in a directional light's cascade): the ramp over all but the outermost fiftieths;
+- *signed* (Fourier coefficients): orange above 0, blue below, brightness by the root of the size;
 - *scalar*: the colour ramp from 0 (or the smallest value, if negative) to the largest.
 
 The ramp is a cubehelix [Green 2011]: brightness grows steadily along it, so that it survives a grey
@@ -40,7 +41,8 @@ _KINDS = {"depth": "depth", "slice_depth": "depth", "spot_depth": "depth", "poin
           "directional_depth": "span", "normal": "normal", "albedo": "reflectance",
           "transmittance": "unit", "front_transmittance": "unit", "fog_transmittance": "unit",
           "radiance": "radiance", "front_radiance": "radiance", "fog_radiance": "radiance",
-          "in_scattering": "radiance"}
+          "in_scattering": "radiance", "coefficients": "signed", "directional_coefficients": "signed"}
+ABOVE, BELOW = (1.0, 0.68, 0.3), (0.35, 0.65, 1.0)
 
 
 # --- colours ----------------------------------------------------------------------------------------
@@ -267,7 +269,14 @@ class Display(NamedTuple):
                 return _quantise(srgb_transfer(np.broadcast_to(values * scale, (3, *values.shape[1:]))))
             if self.kind == "unit":
                 return grey(values)
-            return self._ramped(values[0])
+            return self._signed(values[0]) if self.kind == "signed" else self._ramped(values[0])
+
+    def _signed(self, values: Field) -> Bytes:
+        largest = max(-self.low, self.high, 1e-300)
+        size = np.sqrt(np.minimum(np.abs(values) / largest, 1.0))
+        result = _quantise(np.stack([np.where(values < 0.0, b, a) * size for a, b in zip(ABOVE, BELOW, strict=True)]))
+        result[np.isposinf(values)] = NOTHING
+        return result
 
     def _ramped(self, values: Field) -> Bytes:
         low, high, x = self.low, self.high, values
@@ -300,7 +309,7 @@ class Display(NamedTuple):
             return f"{self.low:.4g} (black) to {self.high:.4g} (white) in each channel"
         if self.kind in ("colour", "reflectance"):
             return f"{span} in each channel"
-        if self.kind in ("normal", "unit"):
+        if self.kind in ("normal", "unit", "signed"):
             return span
         if self.kind == "span":
             return f"{span} and beyond"
@@ -344,7 +353,7 @@ def display_for(name: str, values: Field, exposure: float = 1.0) -> Display:
         return Display(kind, max(low, 1e-6), max(min(high, 2.0 * near), 1e-6), 1.0)
     if name == "media/albedo" and low < high:
         return Display("stretched", low, high, 1.0)
-    if kind == "unit":
+    if kind in ("unit", "signed"):
         return Display(kind, low, high, 1.0)
     if kind == "span" and finite.any():
         # Surfaces that a light grazes run far in both directions.

@@ -116,6 +116,8 @@ def legend(display: Display, width: int, *, plain: bool = False) -> Image:
             bar = grey(np.broadcast_to(share, (1, 14, bar_width)))
         elif display.kind in ("scalar", "depth", "span"):
             bar = np.broadcast_to(ramp_colours(share), (14, bar_width, 3))
+        elif display.kind == "signed":
+            bar = display.paint(np.broadcast_to(low * (1.0 - share) + display.high * share, (1, 14, bar_width)))
         else:
             bar = display.paint(np.broadcast_to(low * (1.0 - share) + display.high * share, (3, 14, bar_width)))
         image.paste(Image.fromarray(np.ascontiguousarray(bar)), (0, 6))
