@@ -1,0 +1,187 @@
+"""The flattest extinction with given Fourier coefficients: constant on a few intervals, 0 elsewhere.
+
+Among all extinctions between 0 and a bound that have the coefficients c_0 … c_K there is exactly one at the least
+bound for which there are any: it is the bound on at most K intervals, 0 elsewhere (Markov's problem with a bound).
+A slab comes back as that slab, up to K thin layers as thin layers.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Intervals", "intervals"]
+
+Reals: TypeAlias = NDArray[np.float64]
+Complexes: TypeAlias = NDArray[np.complex128]
+Mask: TypeAlias = NDArray[np.bool_]
+
+HIGHEST = 1024.0  # bound per unit of optical depth: what is thinner than 1/1024 of the ray is that wide
+HALVINGS = 40  # of the logarithm of the bound: seven digits less than float64 has, and than a layer's ends show
+UNIT = 1e-7  # how near to 1 a reflection coefficient counts as 1
+ASIDE = np.exp(0.7j)  # where poles that are none are put: not where slabs of round numbers have their ends
+ROOT_STEPS = 12  # of Aberth's method, whose order is 3
+
+
+class Intervals(NamedTuple):
+    """Extinction that is constant on intervals of a circle of length 1.
+
+    Attributes
+    ----------
+    bound : ndarray, shape (n,) [1]
+        The extinction on the intervals, per unit of optical depth; its inverse is their length in all.
+    start, length : ndarray, shape (K, n) [1]
+        Where each begins, in [0, 1), and how long it is. It may go on beyond 1, at 0; it may be empty.
+    spread : ndarray, shape (n,) [1]
+        0 if one interval is all there is, at most 1: 1 − |γ_1|², γ_1 the first reflection coefficient.
+    """
+
+    bound: Reals
+    start: Reals
+    length: Reals
+    spread: Reals
+
+
+def intervals(moments: Complexes) -> Intervals:
+    """The extinction of the least bound that has given coefficients.
+
+    Parameters
+    ----------
+    moments : ndarray of complex128, shape (K + 1, n) [1]
+        ∫σ(x) e^{−2πikx} dx over the whole depth, k = 0 … K ≥ 1, the first being 1.
+
+    Returns
+    -------
+    Intervals
+
+    Notes
+    -----
+    With F(z) = c_0 + 2Σ c_k z^k + …, whose real part on the unit circle is σ, and a bound L, −i·exp(iπF(z)/L) has a
+    positive real part iff 0 ≤ σ ≤ L [Akhiezer 1962; Krein 1977]. Its Taylor coefficients up to K follow from c; they
+    are those of such a function iff Schur's reflection coefficients γ_1 … γ_K are below 1 in size, so L is found by
+    bisection. At the least L the last one is 1 in size and the function rational: its poles on the circle are where
+    the intervals begin, its zeros where they end, both roots of para-orthogonal polynomials [Simon 2005].
+
+    Coefficients that no extinction up to `HIGHEST` has (thin layers, rounded coefficients) are drawn to those of a
+    uniform extinction until there is one.
+
+    Examples
+    --------
+    >>> k = np.arange(4)
+    >>> slab = np.sinc(0.25 * k) * np.exp(-2j * np.pi * k * 0.5)
+    >>> found = intervals(slab[:, None])
+    >>> round(float(found.bound[0]), 6), round(float(found.length.sum()), 6), round(float(found.spread[0]), 6)
+    (4.0, 0.25, 0.0)
+    """
+    drawn = _drawn(moments)
+    low, high = np.zeros(drawn.shape[1]), np.full(drawn.shape[1], np.log(HIGHEST))
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        feasible = _feasible(drawn, np.exp(middle))
+        high, low = np.where(feasible, middle, high), np.where(feasible, low, middle)
+    bound = np.exp(high)
+    reflection, first = _reflections(drawn, bound)
+    spread = np.maximum(1.0 - np.abs(reflection[0]) ** 2, 0.0)
+    poles, zeros = _polynomials(_on_circle(reflection), first)
+    start, stop = (np.sort(np.angle(_roots(each)) / (2.0 * np.pi) % 1.0, axis=0) for each in (poles, zeros))
+    return Intervals(bound, start, _lengths(start, stop, 1.0 / bound), spread)
+
+
+def _drawn(moments: Complexes) -> Complexes:
+    """Coefficients mixed with as much of a uniform extinction's as brings the bound below the highest."""
+    outside = np.flatnonzero(~_feasible(moments, np.full(moments.shape[1], HIGHEST)))
+    result = moments.copy()
+    low, high = np.zeros(outside.size), np.ones(outside.size)
+    for _ in range(HALVINGS if outside.size else 0):
+        middle = 0.5 * (low + high)
+        result[1:, outside] = moments[1:, outside] * (1.0 - middle)
+        feasible = _feasible(result[:, outside], np.full(outside.size, HIGHEST))
+        high, low = np.where(feasible, middle, high), np.where(feasible, low, middle)
+    result[1:, outside] = moments[1:, outside] * (1.0 - high)
+    return result
+
+
+def _reflections(moments: Complexes, bound: Reals) -> tuple[Complexes, Complexes]:
+    """Reflection coefficients γ, shape (K, n), of −i·exp(iπF/L), and its value at 0."""
+    count = len(moments) - 1
+    slope = (2j * np.pi * np.arange(count + 1)[:, None] / bound) * moments
+    taylor = np.empty_like(slope)
+    taylor[0] = -1j * np.exp(1j * np.pi / bound)
+    for k in range(1, count + 1):
+        taylor[k] = np.sum(slope[1:k + 1] * taylor[k - 1::-1] if k > 1 else slope[1:2] * taylor[:1], axis=0) / k
+    above, below = taylor[1:], taylor[:-1].copy()
+    below[0] = 2.0 * taylor[0].real
+    reflection = np.empty_like(above)
+    for k in range(count):
+        gamma = above[0] / below[0]
+        reflection[k] = gamma
+        above, below = above[1:] - gamma * below[1:], below[:-1] - np.conj(gamma) * above[:-1]
+    return reflection, taylor[0]
+
+
+def _feasible(moments: Complexes, bound: Reals) -> Mask:
+    """Whether some extinction between 0 and the bound has the coefficients."""
+    reflection, _ = _reflections(moments, bound)
+    return np.asarray(np.all(reflection.real**2 + reflection.imag**2 < 1.0, axis=0))
+
+
+def _on_circle(reflection: Complexes) -> Complexes:
+    """The coefficients up to the first of size 1, made so exactly.
+
+    Any beyond it of size 1 add a pole and a zero in one place each: an interval, or a gap, of no length.
+    """
+    result, ended = reflection.copy(), np.zeros(reflection.shape[1], bool)
+    for k in range(len(reflection)):
+        size = np.abs(reflection[k])
+        last = (size > 1.0 - UNIT) | (k == len(reflection) - 1)
+        unit = np.where(size > 0.0, reflection[k] / np.where(size > 0.0, size, 1.0), 1.0)
+        result[k] = np.where(ended, ASIDE ** (k + 1), np.where(last, unit, reflection[k]))
+        ended |= last
+    return result
+
+
+def _polynomials(reflection: Complexes, first: Complexes) -> tuple[Complexes, Complexes]:
+    """Coefficients, lowest first, of the polynomials whose roots are the poles and the zeros."""
+    one, nothing = np.ones_like(first)[None], np.zeros_like(first)[None]
+    phi, psi = one, one
+    for gamma in reflection:
+        turned_phi, turned_psi = np.conj(phi[::-1]), np.conj(psi[::-1])
+        phi = np.concatenate([nothing, phi]) - np.conj(gamma) * np.concatenate([turned_phi, nothing])
+        psi = np.concatenate([nothing, psi]) + np.conj(gamma) * np.concatenate([turned_psi, nothing])
+    return phi, first.real * np.conj(psi[::-1]) + 1j * first.imag * np.conj(phi[::-1])
+
+
+def _roots(polynomial: Complexes) -> Complexes:
+    """All roots of polynomials whose roots lie on the unit circle, by Aberth's method [Aberth 1973]."""
+    count = len(polynomial) - 1
+    # From places without symmetry: those of coefficients that are real would keep the iteration on a line.
+    z = np.exp(2j * np.pi * (np.arange(count)[:, None] + 0.123) / count) * np.ones_like(polynomial[:1])
+    for _ in range(ROOT_STEPS):
+        value, slope = np.broadcast_to(polynomial[-1], z.shape), np.zeros_like(z)
+        for each in polynomial[-2::-1]:
+            slope = slope * z + value
+            value = value * z + each
+        newton = np.divide(value, slope, out=np.zeros_like(z), where=slope != 0.0)
+        push = np.zeros_like(z)
+        for other in z:
+            apart = z - other
+            push += np.divide(1.0, apart, out=np.zeros_like(z), where=apart != 0.0)
+        divisor = 1.0 - newton * push
+        z = z - np.divide(newton, divisor, out=np.zeros_like(z), where=divisor != 0.0)
+    return z
+
+
+def _lengths(start: Reals, stop: Reals, whole: Reals) -> Reals:
+    """Lengths from sorted starts to the stops that follow them, whose sum is known.
+
+    Which stop follows which start hangs on rounding where both coincide. The sum does not: it is off by a whole
+    number if they are counted from the wrong one.
+    """
+    count = len(start)
+    shift = np.round(whole - (stop - start).sum(axis=0)).astype(int)
+    index = np.arange(count)[:, None] + shift
+    length = np.maximum(np.take_along_axis(stop, index % count, axis=0) + index // count - start, 0.0)
+    total = length.sum(axis=0)
+    return np.asarray(length * (whole / np.where(total > 0.0, total, 1.0)))
