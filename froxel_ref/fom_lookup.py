@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from froxel_ref.arrays import Field, Points, Sight
 from froxel_ref.fom import optical_depth
+from froxel_ref.fom_resolved import resolve, resolved_depth
 from froxel_ref.shadow_lookup import octahedral_square
 from froxel_ref.shadow_views import CASCADE_EDGE
 
-__all__ = ["OpacityMap", "both_sights", "cascade_sight", "lamp_sight", "planes_of"]
+__all__ = ["OpacityMap", "both_sights", "cascade_sight", "lamp_sight", "pairs_of", "planes_of"]
 
 Integers: TypeAlias = NDArray[np.intp]
 Matrix: TypeAlias = NDArray[np.float64]
@@ -36,7 +37,16 @@ class OpacityMap(NamedTuple):
         As in `froxel_ref.shadow.Stack`.
     gutter : int [texels]
         Around the map.
+    resolved : Field, shape (faces, 7(K + 1), size, size), or None
+        From `froxel_ref.fom_resolved.resolve`, for the reconstruction of that name; made here unless given.
     """
+
+    @property
+    def without_ringing(self) -> Field:
+        """The coefficients resolved."""
+        if self.resolved is not None:
+            return self.resolved
+        return np.stack([resolve(pairs_of(planes)) for planes in self.coefficients])
 
     kind: str
     coefficients: Field
@@ -44,6 +54,7 @@ class OpacityMap(NamedTuple):
     far: Field
     matrix: Matrix
     gutter: int = 0
+    resolved: Field | None = None
 
 
 def planes_of(coefficients: Field) -> Field:
@@ -67,8 +78,22 @@ def planes_of(coefficients: Field) -> Field:
     return np.asarray(coefficients.swapaxes(0, 1).reshape(-1, *coefficients.shape[2:]))
 
 
-def _pairs(planes: Field) -> Field:
-    """The inverse of `planes_of`."""
+def pairs_of(planes: Field) -> Field:
+    """The inverse of `planes_of`.
+
+    Parameters
+    ----------
+    planes : Field, shape (2K + 2, …)
+
+    Returns
+    -------
+    Field, shape (2, K + 1, …)
+
+    Examples
+    --------
+    >>> pairs_of(np.array([1.0, 3.0, 2.0, 4.0])).tolist()
+    [[1.0, 2.0], [3.0, 4.0]]
+    """
     return planes.reshape(-1, 2, *planes.shape[1:]).swapaxes(0, 1)
 
 
@@ -141,7 +166,18 @@ def _passed(depth: Field) -> Field:
 
 def _decode(reconstruction: str) -> Decode:
     """From planes and depths to optical depth."""
-    return lambda planes, depth: optical_depth(_pairs(planes), depth, lanczos=reconstruction == "lanczos")
+    if reconstruction == "resolved":
+        return resolved_depth
+    return lambda planes, depth: optical_depth(pairs_of(planes), depth, lanczos=reconstruction == "lanczos")
+
+
+def _read(planes: Field, corners: Corners, depth: Field, decode: Decode) -> Field:
+    """Optical depth from each of the four texels, then filtered: of what is not linear in what is stored."""
+    flat = planes.reshape(len(planes), -1)
+    total = np.zeros_like(depth)
+    for texel, weight in zip(corners.texel, corners.weight, strict=True):
+        total += weight * decode(flat.take(texel, axis=1), depth)
+    return total
 
 
 # --- lamps ------------------------------------------------------------------------------------------
@@ -154,7 +190,7 @@ def lamp_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", octa
     ----------
     opacity_map : OpacityMap
         Of a spot light or an octahedron, its range one number.
-    reconstruction : {"fourier", "lanczos"}
+    reconstruction : {"fourier", "lanczos", "resolved"}
         How transmittance is read from coefficients.
     octahedron : {"from_light", "to_light"}
         What an octahedral map's directions are (A9).
@@ -167,7 +203,9 @@ def lamp_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", octa
     Notes
     -----
     Coefficients are filtered bilinearly, which filters optical depth, since all texels share one range; then
-    `froxel_ref.fom.transmittance` at the distance from the light. Beyond the map's depths the nearest is taken.
+    `froxel_ref.fom.transmittance` at the distance from the light. "resolved" finds each texel's extinction first
+    (`froxel_ref.fom_resolved`), and filters the optical depths of the four. Beyond the map's depths the nearest is
+    taken.
 
     Examples
     --------
@@ -178,12 +216,15 @@ def lamp_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", octa
     0.606531
     """
     planes, decode = opacity_map.coefficients[0], _decode(reconstruction)
+    resolved = reconstruction == "resolved"
     near, far = float(opacity_map.near.flat[0]), float(opacity_map.far.flat[0])
     alike = bool((planes == planes[:, :1, :1]).all())
     if not far > near or (alike and not planes.any()):
         return _clear
+    if resolved:
+        planes = opacity_map.without_ringing[0]
     if alike:  # nothing varies with direction
-        few = planes[:2] if not planes[2:].any() else planes
+        few = planes[:2] if not (resolved or planes[2:].any()) else planes
         return lambda points, normal=None: _passed(decode(
             few[:, 0, 0].reshape(-1, *(1,) * points[0].ndim),
             _share(_away(opacity_map, points)[1], np.asarray(near), np.asarray(far))))
@@ -196,7 +237,8 @@ def lamp_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", octa
         x, y = locate(opacity_map, points, away, sign)
         corners = _corners(x.reshape(-1), y.reshape(-1), planes.shape[-1])
         depth = _share(distance.reshape(-1), np.asarray(near), np.asarray(far))
-        return _passed(decode(_filtered(planes, corners), depth)).reshape(shape)
+        tau = _read(planes, corners, depth, decode) if resolved else decode(_filtered(planes, corners), depth)
+        return _passed(tau).reshape(shape)
 
     return see
 
@@ -246,10 +288,11 @@ def cascade_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", l
     ----------
     opacity_map : OpacityMap
         A directional light's.
-    reconstruction : {"fourier", "lanczos"}
+    reconstruction : {"fourier", "lanczos", "resolved"}
+        As for `lamp_sight`.
     lookup : {"per_texel", "filtered"}
         Each of the four texels read by its own range and the optical depths filtered; or the coefficients and the
-        ranges filtered first, as a texture unit does it (S3).
+        ranges filtered first, as a texture unit does it (S3). What is resolved is always read by texel.
 
     Returns
     -------
@@ -277,7 +320,9 @@ def cascade_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", l
     if not (far > near).any():
         return _clear
     decode = _decode(reconstruction)
-    read = _each if lookup == "per_texel" else _together
+    read = _each if lookup == "per_texel" or reconstruction == "resolved" else _together
+    if reconstruction == "resolved":
+        planes = opacity_map.without_ringing.swapaxes(0, 1)
 
     def see(points: Points, normal: Points | None = None) -> Field:
         shape = np.broadcast_shapes(*(p.shape for p in points))

@@ -353,6 +353,7 @@ def map_bytes(scene: Scene, settings: Settings) -> int:
     rows, columns = used_texels(wanted)
     lamps, suns = sum(each.tile is not None for each in wanted.values()), len(dimmed_suns(scene))
     faces, channels, size, _ = faces_shape(settings)
-    texels = rows * columns * channels + suns * faces * size * size * (channels + 2)
+    more = 7 * channels // 2 if settings.opacity_maps.reconstruction == "resolved" else 0
+    texels = rows * columns * (channels + more) + suns * faces * size * size * (channels + more + 2)
     # Beside them an index, three numbers of the tile, two of the range and twelve of the matrix.
     return texels * np.dtype(settings.precision).itemsize + 8 * (lamps * (1 + 3 + 2 + 12) + suns * (1 + faces * 12))

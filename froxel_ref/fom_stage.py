@@ -12,7 +12,7 @@ from froxel_ref import storage
 from froxel_ref.arrays import Field, Points, Sight, Visibility
 from froxel_ref.assets import Assets
 from froxel_ref.billboard_shadows import points_transmittance
-from froxel_ref.fom_lookup import OpacityMap, cascade_sight, lamp_sight
+from froxel_ref.fom_lookup import OpacityMap, cascade_sight, lamp_sight, pairs_of
 from froxel_ref.fom_maps import Dimming, lamp_tiles, make_dimming, sun_cascades
 from froxel_ref.fom_plan import (
     assigned_tiles,
@@ -23,6 +23,7 @@ from froxel_ref.fom_plan import (
     is_octahedral,
     map_border,
 )
+from froxel_ref.fom_resolved import resolve
 from froxel_ref.fom_views import CASCADE_REACH, lamp_reach
 from froxel_ref.jobs import Same
 from froxel_ref.light_paths import light_transmittance
@@ -31,9 +32,10 @@ from froxel_ref.settings import Settings
 
 __all__ = ["LAMPS", "SUNS", "empty_maps", "exact_sights", "map_keys", "map_sights", "opacity_maps"]
 
-LAMPS = ("fom/light", "fom/tile", "fom/range", "fom/matrix", "fom/coefficients")
+LAMPS = ("fom/light", "fom/tile", "fom/range", "fom/matrix", "fom/coefficients", "fom/resolved")
 """Names of the lamps' results."""
-SUNS = ("fom/directional_light", "fom/directional_range", "fom/directional_matrix", "fom/directional_coefficients")
+SUNS = ("fom/directional_light", "fom/directional_range", "fom/directional_matrix", "fom/directional_coefficients",
+        "fom/directional_resolved")
 """Names of the directional lights' results."""
 
 
@@ -81,18 +83,31 @@ def opacity_maps(scene: Scene, settings: Settings, assets: Assets, *, dtype: DTy
         dimming = make_dimming(scene if lamps else Scene(), assets, dtype=dtype)
         tiles = lamp_tiles(scene, settings, dimming, lamps, assigned_tiles(scene, settings), dtype=dtype,
                            threads=threads)
-        results |= dict(zip(LAMPS, tiles, strict=True))
+        results |= dict(zip(LAMPS, (*tiles, None), strict=True))
     if SUNS[0] not in known:
         dimming = make_dimming(scene if suns else Scene(), assets, dtype=dtype, local_only=True)
-        results |= dict(zip(SUNS, sun_cascades(scene, settings, dimming, suns, dtype=dtype, threads=threads),
-                            strict=True))
-    if settings.opacity_maps.storage == "float16":
-        for name in ("fom/coefficients", "fom/directional_coefficients"):
-            if name not in known:
-                results[name] = storage.store(results[name], "float16")
+        cascades = sun_cascades(scene, settings, dimming, suns, dtype=dtype, threads=threads)
+        results |= dict(zip(SUNS, (*cascades, None), strict=True))
+    for stored, resolved in ((LAMPS[-2:]), (SUNS[-2:])):
+        if stored in known:
+            continue
+        if settings.opacity_maps.storage == "float16":
+            results[stored] = storage.store(results[stored], "float16")
+        results[resolved] = _resolved(results[stored], settings, dtype)
     for array in results.values():
         array.flags.writeable = False  # they may be handed on to the next frame
     return results
+
+
+def _resolved(coefficients: Field, settings: Settings, dtype: DTypeLike) -> Field:
+    """Coefficients (…, 2K + 2, rows, columns) made ready to be read without ringing; nothing for other readings."""
+    faces, (_, rows, columns) = coefficients.shape[:-3], coefficients.shape[-3:]
+    channels = 7 * (settings.opacity_maps.harmonics + 1)
+    if settings.opacity_maps.reconstruction != "resolved":
+        return np.zeros((*faces, channels, 0, 0), dtype)
+    flat = coefficients.reshape(-1, *coefficients.shape[-3:])
+    made = [resolve(pairs_of(planes)) for planes in flat] or [np.zeros((channels, rows, columns))]
+    return np.stack(made)[:len(flat)].reshape(*faces, channels, rows, columns).astype(dtype, copy=False)
 
 
 def empty_maps(settings: Settings, dtype: DTypeLike = np.float64) -> dict[str, Any]:
@@ -187,18 +202,19 @@ def map_sights(results: Mapping[str, Any], scene: Scene, settings: Settings) -> 
     found: dict[int, Sight] = {}
     maps = settings.opacity_maps
     lights = scene.all_lights
-    numbers, tiles, span, matrix, atlas = (results[name] for name in LAMPS)
+    numbers, tiles, span, matrix, atlas, resolved = (results[name] for name in LAMPS)
     for number, [(row, column, size)], ends, each in zip(numbers.tolist(), tiles.tolist(), span, matrix, strict=True):
         light = lights[number]
         assert isinstance(light, PointLight)
         tile = np.ascontiguousarray(atlas[:, row:row + size, column:column + size])
         kind = "octahedral" if is_octahedral(light) else "spot"
         found[number] = lamp_sight(
-            OpacityMap(kind, tile[np.newaxis], ends[:, 0], ends[:, 1], each, map_border(light, settings)),
+            OpacityMap(kind, tile[np.newaxis], ends[:, 0], ends[:, 1], each, map_border(light, settings),
+                       resolved[np.newaxis, :, row:row + size, column:column + size] if resolved.size else None),
             reconstruction=maps.reconstruction, octahedron=settings.fom_octahedron)
-    for number, ends, each, planes in zip(*(results[name] for name in SUNS), strict=True):
+    for number, ends, each, planes, resolved in zip(*(results[name] for name in SUNS), strict=True):
         found[int(number)] = cascade_sight(
-            OpacityMap("directional", planes, ends[:, 0], ends[:, 1], each, 1),
+            OpacityMap("directional", planes, ends[:, 0], ends[:, 1], each, 1, resolved if resolved.size else None),
             reconstruction=maps.reconstruction, lookup=settings.fom_lookup)
     return found
 

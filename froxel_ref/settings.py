@@ -184,8 +184,9 @@ class OpacityMaps(Record):
     """Fourier opacity maps: their sizes, how they are made, and how transmittance is read from them."""
 
     harmonics: int = integer(3, "K, two coefficients each and two more [Jansen 2010]", at_least=0, at_most=32)
-    reconstruction: str = choice("fourier", "lanczos", default="fourier",
-                                 about="the series, or with σ-factors, which rings less and is less sharp")
+    reconstruction: str = choice(
+        "fourier", "lanczos", "resolved", default="fourier",
+        about="the series; with σ-factors, which rings less and is less sharp; or as a non-negative extinction")
     small: int = integer(128, "a lamp's tile, across", unit="texels", at_least=8, at_most=4096)
     large: int = integer(256, "a lamp's tile, across, if its extent on the screen is large", unit="texels",
                          at_least=8, at_most=4096)
