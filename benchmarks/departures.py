@@ -60,7 +60,8 @@ def rows(name: str) -> list[tuple[object, ...]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("scenes", nargs="*", default=["thesis-hall", "two-volumes", "particles-in-fog"], metavar="SCENE")
+    parser.add_argument("scenes", nargs="*", metavar="SCENE",
+                        default=["thesis-hall", "two-volumes", "particles-in-fog"])
     for name in parser.parse_args().scenes:
         print(f"{name}\n{table(rows(name), ('switch', 'bias', 'rms', 'largest'))}\n")
 

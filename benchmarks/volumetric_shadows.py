@@ -25,7 +25,8 @@ from froxel_ref.volumes import read_vol
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"  # beside the repository, as for the tests
 DEPTHS = (np.arange(256) + 0.5) / 256.0
-KINDS = {"FOM": "FOM: Fourier opacity (harmonics)", "ETM": "ETM: cosines (coefficients)",
+KINDS = {"FOM": "FOM: Fourier opacity (harmonics)", "resolved": "the same, resolved (harmonics)",
+         "ETM": "ETM: cosines (coefficients)",
          "OSM": "OSM: opacity slices (slices)", "power": "power moments (moments)",
          "trig": "trigonometric moments (complex moments)"}
 
@@ -40,6 +41,7 @@ CONTENDERS = [
     *[Contender("fourier", {"harmonics": k}) for k in (1, 3, 5, 7)],
     *[Contender("fourier", {"harmonics": k, "storage": "float16"}) for k in (1, 3, 5, 7)],
     Contender("fourier", {"lanczos": True}),
+    *[Contender("resolved", {"harmonics": k, "storage": s}) for k in (1, 3, 5, 7) for s in (None, "float16")],
     *[Contender("cosine", {"count": c}) for c in (4, 8, 16)],
     *[Contender("cosine", {"count": c, "storage": "float16"}) for c in (4, 8, 16)],
     *[Contender("slices", {"slices": s}) for s in (8, 16, 32, 64)],
@@ -198,9 +200,10 @@ def known_failure() -> None:
 
 
 # Colour, marker, and where a point's label stands from it, so that those of neighbours keep apart.
-STYLES = {"FOM": ("tab:blue", "o", (-5, -16)), "ETM": ("tab:cyan", "s", (7, 3)), "OSM": ("tab:green", "^", (-15, -13)),
+STYLES = {"FOM": ("tab:blue", "o", (-5, -16)), "resolved": ("tab:purple", "P", (-13, -12)),
+          "ETM": ("tab:cyan", "s", (7, 3)), "OSM": ("tab:green", "^", (-15, -13)),
           "power": ("tab:red", "D", (-13, -11)), "trig": ("tab:orange", "v", (6, 4))}
-CURVES = [Contender("deep"), Contender("fourier"), Contender("cosine"), Contender("slices"),
+CURVES = [Contender("deep"), Contender("fourier"), Contender("resolved"), Contender("cosine"), Contender("slices"),
           Contender("power", {"count": 6, "storage": "float32"}),
           Contender("trigonometric", {"count": 3, "storage": "float32"})]
 
@@ -227,9 +230,9 @@ def picture(rows: Sequence[Row], path: Path) -> None:
     by_time.set_xlim(3.0, 800.0)
     by_size.legend(loc="lower left")
     one = np.ones((1, 1))
-    curves(layer, as_points(0.5 * one, 4 * one), "Thin layer at 1/2, optical depth 4 (FOM 3 = ETM 8 by symmetry)")
+    curves(layer, as_points(0.5 * one, 4 * one), "Thin layer at 1/2, optical depth 4 (ETM 8 = FOM 3, resolved = exact)")
     curves(slab, Absorbers(0.3 * one, 0.7 * one, 4 * one, 0 * one),
-           "Slab from 0.3 to 0.7, optical depth 4 (FOM 3 = ETM 8 by symmetry)")
+           "Slab from 0.3 to 0.7, optical depth 4 (ETM 8 = FOM 3, resolved = exact)")
     layer.legend(loc="lower left")
     figure.savefig(path, dpi=130)
     plt.close(figure)
@@ -255,7 +258,7 @@ def scatter(axes: Any, rows: Sequence[Row], cost: str) -> None:
 
 def curves(axes: Any, rays: Absorbers, title: str) -> None:
     d = np.linspace(0, 1, 1001)
-    dashes = itertools.cycle(["-", "-", "--", "-.", "-", "--"])
+    dashes = itertools.cycle(["-", "-", "--", "--", "-.", "-", "--"])
     for (kind, options), dash in zip(CURVES, dashes, strict=False):
         way = technique(kind, **options)
         family = way.name.split()[0]

@@ -7,7 +7,7 @@ A slab comes back as that slab, up to K thin layers as thin layers.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray

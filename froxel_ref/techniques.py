@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from froxel_ref import cosine_maps, deep_shadow, fom, opacity_slices, power_moments, trigonometric_moments
+from froxel_ref import cosine_maps, deep_shadow, fom, fom_resolved, opacity_slices, power_moments, trigonometric_moments
 from froxel_ref.absorbers import Absorbers
 from froxel_ref.arrays import Field
 from froxel_ref.moment_storage import STORAGES, stored_moments
@@ -162,6 +162,18 @@ def _fourier(*, harmonics: int = 3, lanczos: bool = False, storage: str | None =
                      numbers * BYTES[storage], lambda encoded, depth: decode(encoded, depth, clamp=False))
 
 
+def _resolved(*, harmonics: int = 3, storage: str | None = None) -> Technique:
+    plain = _fourier(harmonics=harmonics, storage=storage)
+
+    def decode(encoded: Field, depth: Field) -> Field:
+        pairs = encoded.reshape(2, harmonics + 1, *encoded.shape[1:])
+        passed = fom_resolved.resolved_transmittance(fom_resolved.resolve(pairs), depth)
+        return passed.astype(np.result_type(encoded, depth), copy=False)
+
+    return plain._replace(name=_name("resolved", harmonics, storage), uncut=None, decode=decode,
+                          about="The same coefficients, read as a non-negative extinction that has them.")
+
+
 def _power(*, count: int = 4, storage: str | None = None, ratio: float = 1.0,
            overestimation: float = power_moments.OVERESTIMATION) -> Technique:
     _check(storage, STORAGES)
@@ -194,11 +206,12 @@ def _trigonometric(*, count: int = 2, storage: str | None = None, wrapping: floa
 
 
 KINDS: Mapping[str, Callable[..., Technique]] = {
-    "deep": _deep, "slices": _slices, "cosine": _cosine, "fourier": _fourier, "power": _power,
-    "trigonometric": _trigonometric,
+    "deep": _deep, "slices": _slices, "cosine": _cosine, "fourier": _fourier, "resolved": _resolved,
+    "power": _power, "trigonometric": _trigonometric,
 }
 """By kind, functions of options: `slices` (slices, sampling, holds), `cosine` (count), `fourier` (harmonics, lanczos),
-`power` (count, ratio, overestimation), `trigonometric` (count, wrapping, overestimation), all with storage; `deep`."""
+`resolved` (harmonics), `power` (count, ratio, overestimation), `trigonometric` (count, wrapping, overestimation), all
+with storage; `deep`."""
 
 
 def _name(*parts: object) -> str:
