@@ -99,7 +99,7 @@ def errors(sizes: list[int], harmonics: list[int]) -> list[tuple[object, ...]]:
         inside = tuple(np.broadcast_to(p, factor.shape)[factor > 0.0] for p in points)
         want[number] = inside, see(inside)
     rows: list[tuple[object, ...]] = []
-    for reconstruction in ("fourier", "lanczos"):
+    for reconstruction in ("fourier", "lanczos", "resolved"):
         for size in sizes:
             for k in harmonics:
                 maps = OpacityMaps(harmonics=k, small=size, large=size, smallest=min(size, 64),
