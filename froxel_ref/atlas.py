@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from froxel_ref.records import InputError
 
-__all__ = ["Atlas", "Tile", "allocate", "largest_free", "new_atlas", "release", "tile_size_for"]
+__all__ = ["Atlas", "Tile", "allocate", "free", "largest_free", "new_atlas", "reset", "tile_size_for"]
 
 Sizes: TypeAlias = NDArray[np.int64]
 
@@ -42,7 +42,7 @@ class Atlas(NamedTuple):
     ----------
     size, smallest : int [texels]
         Of the whole and of the smallest tile, along each side; powers of two.
-    free : tuple of ndarray, shape (2ˡ, 2ˡ) for level l, int64 [texels]
+    room : tuple of ndarray, shape (2ˡ, 2ˡ) for level l, int64 [texels]
         Size of the largest free square below each node, 0 if there is none; level 0 is the whole. Below a node
         that is taken as a whole the values are those of an empty atlas, and are not looked at.
     tiles : frozenset of Tile
@@ -51,12 +51,12 @@ class Atlas(NamedTuple):
 
     size: int
     smallest: int
-    free: tuple[Sizes, ...]
+    room: tuple[Sizes, ...]
     tiles: frozenset[Tile] = frozenset()
 
 
 def new_atlas(size: int = 2048, smallest: int = 64) -> Atlas:
-    """An atlas with nothing in it; also what `allocate` and `release` of everything come back to.
+    """An atlas with nothing in it; also what `allocate` and `free` of everything come back to.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def new_atlas(size: int = 2048, smallest: int = 64) -> Atlas:
     Examples
     --------
     >>> atlas = new_atlas(256, 64)
-    >>> len(atlas.free), largest_free(atlas)
+    >>> len(atlas.room), largest_free(atlas)
     (3, 256)
     """
     for name, value in (("size", size), ("smallest", smallest)):
@@ -136,7 +136,7 @@ def largest_free(atlas: Atlas) -> int:
     >>> largest_free(atlas)
     128
     """
-    return int(atlas.free[0][0, 0])
+    return int(atlas.room[0][0, 0])
 
 
 def allocate(atlas: Atlas, wanted: int) -> tuple[Atlas, Tile | None]:
@@ -184,12 +184,12 @@ def allocate(atlas: Atlas, wanted: int) -> tuple[Atlas, Tile | None]:
     while atlas.size >> level > size:
         level += 1
         quarters = ((2 * row + i, 2 * column + j) for i in (0, 1) for j in (0, 1))
-        row, column = next(place for place in quarters if atlas.free[level][place] >= size)
+        row, column = next(place for place in quarters if atlas.room[level][place] >= size)
     tile = Tile(row * size, column * size, size)
     return Atlas(atlas.size, atlas.smallest, _changed(atlas, level, row, column, 0), atlas.tiles | {tile}), tile
 
 
-def release(atlas: Atlas, tile: Tile) -> Atlas:
+def free(atlas: Atlas, tile: Tile) -> Atlas:
     """Give a tile back.
 
     Parameters
@@ -212,25 +212,46 @@ def release(atlas: Atlas, tile: Tile) -> Atlas:
     Examples
     --------
     >>> atlas, tile = allocate(new_atlas(256, 64), 64)
-    >>> largest_free(release(atlas, tile))
+    >>> largest_free(free(atlas, tile))
     256
     """
     if tile not in atlas.tiles:
         raise InputError("tile", f"is {tuple(tile)}, must be one that is taken")
     level = (atlas.size // tile.size).bit_length() - 1
-    free = _changed(atlas, level, tile.row // tile.size, tile.column // tile.size, tile.size)
-    return Atlas(atlas.size, atlas.smallest, free, atlas.tiles - {tile})
+    room = _changed(atlas, level, tile.row // tile.size, tile.column // tile.size, tile.size)
+    return Atlas(atlas.size, atlas.smallest, room, atlas.tiles - {tile})
+
+
+def reset(atlas: Atlas) -> Atlas:
+    """Give all tiles back.
+
+    Parameters
+    ----------
+    atlas : Atlas
+
+    Returns
+    -------
+    Atlas
+        A new one of the same sizes.
+
+    Examples
+    --------
+    >>> atlas, _ = allocate(new_atlas(256, 64), 64)
+    >>> largest_free(reset(atlas)), len(reset(atlas).tiles)
+    (256, 0)
+    """
+    return new_atlas(atlas.size, atlas.smallest)
 
 
 def _changed(atlas: Atlas, level: int, row: int, column: int, value: int) -> tuple[Sizes, ...]:
     """The largest free squares with another value at a node, and what follows from it above."""
-    free = list(atlas.free)
-    free[level] = free[level].copy()
-    free[level][row, column] = value
+    room = list(atlas.room)
+    room[level] = room[level].copy()
+    room[level][row, column] = value
     for above in range(level - 1, -1, -1):
         row, column = row // 2, column // 2
-        quarters = free[above + 1][2 * row:2 * row + 2, 2 * column:2 * column + 2]
+        quarters = room[above + 1][2 * row:2 * row + 2, 2 * column:2 * column + 2]
         whole = bool((quarters == atlas.size >> (above + 1)).all())
-        free[above] = free[above].copy()
-        free[above][row, column] = atlas.size >> above if whole else quarters.max()
-    return tuple(free)
+        room[above] = room[above].copy()
+        room[above][row, column] = atlas.size >> above if whole else quarters.max()
+    return tuple(room)

@@ -8,13 +8,13 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, consumes, invariant, multiple, rule
 
-from froxel_ref.atlas import Atlas, Tile, allocate, largest_free, new_atlas, release, tile_size_for
+from froxel_ref.atlas import Atlas, Tile, allocate, free, largest_free, new_atlas, reset, tile_size_for
 from froxel_ref.records import InputError
 
 
 def same(a: Atlas, b: Atlas) -> bool:
     return a[:2] == b[:2] and a.tiles == b.tiles and all(
-        np.array_equal(x, y) for x, y in zip(a.free, b.free, strict=True))
+        np.array_equal(x, y) for x, y in zip(a.room, b.room, strict=True))
 
 
 def test_tiles_by_hand() -> None:
@@ -28,7 +28,7 @@ def test_tiles_by_hand() -> None:
                    None, (128, 192, 64)]
     assert largest_free(atlas) == 64
     # A middle one goes and the same place is found again.
-    atlas, tile = allocate(release(atlas, Tile(0, 64, 64)), 33)
+    atlas, tile = allocate(free(atlas, Tile(0, 64, 64)), 33)
     assert tile == Tile(0, 64, 64)
 
 
@@ -39,7 +39,7 @@ def test_a_request_for_everything() -> None:
     again, none = allocate(atlas, 1)
     assert none is None
     assert again is atlas
-    assert same(release(atlas, tile), new_atlas(2048))
+    assert same(free(atlas, tile), new_atlas(2048))
 
 
 def test_a_request_beyond_everything() -> None:
@@ -51,14 +51,14 @@ def test_an_atlas_of_one_tile() -> None:
     atlas, tile = allocate(new_atlas(64, 64), 3)
     assert tile == Tile(0, 0, 64)
     assert allocate(atlas, 3)[1] is None
-    assert same(release(atlas, tile), new_atlas(64, 64))
+    assert same(free(atlas, tile), new_atlas(64, 64))
 
 
 def test_nothing_is_changed_in_place() -> None:
     empty = new_atlas(256, 64)
     one, tile = allocate(empty, 64)
     two, _ = allocate(one, 128)
-    release(two, tile)
+    free(two, tile)
     assert same(empty, new_atlas(256, 64))
     assert same(one, allocate(new_atlas(256, 64), 64)[0])
 
@@ -75,9 +75,9 @@ def test_bad_tiles_and_requests() -> None:
     atlas, tile = allocate(new_atlas(256, 64), 64)
     for other in (Tile(64, 64, 64), Tile(0, 0, 128), Tile(-64, 0, 64)):
         with pytest.raises(InputError, match=r"tile: is .* must be one that is taken"):
-            release(atlas, other)
+            free(atlas, other)
     with pytest.raises(InputError, match="must be one that is taken"):
-        release(release(atlas, tile), tile)
+        free(free(atlas, tile), tile)
     with pytest.raises(InputError, match="wanted: is 0"):
         allocate(atlas, 0)
 
@@ -115,8 +115,8 @@ class AtlasMachine(RuleBasedStateMachine):
         return tile
 
     @rule(tile=consumes(tiles))
-    def release(self, tile: Tile) -> None:
-        self.atlas = release(self.atlas, tile)
+    def give_back(self, tile: Tile) -> None:
+        self.atlas = free(self.atlas, tile)
         cells = tuple(slice(at // 32, (at + tile.size) // 32) for at in (tile.row, tile.column))
         assert self.taken[cells].all()
         self.taken[cells] = False
@@ -126,8 +126,9 @@ class AtlasMachine(RuleBasedStateMachine):
         """Whatever is given back last, nothing is lost: the atlas equals a new one."""
         atlas = self.atlas
         for tile in sorted(atlas.tiles):
-            atlas = release(atlas, tile)
+            atlas = free(atlas, tile)
         assert same(atlas, new_atlas(512, 32))
+        assert same(reset(self.atlas), atlas)
 
     @invariant()
     def largest_is_right(self) -> None:
