@@ -127,7 +127,8 @@ def main() -> None:
           "medium is uniform, 3 where it is textured)")
     print(table(making(args.repeats), ("dimmed by", "float64 least", "median", "float32 least", "median", "MiB")))
     print("\nvolumetric stages of a frame, float64, milliseconds: shadows of media off, on, and on with the maps of "
-          "the frame before;\nbeside it on over off of the thesis's own hall in its table 4.10, at the same resolution on two machines")
+          "the frame before;\nbeside it on over off of the thesis's own hall, at the same resolution on two machines "
+          "(table 4.10)")
     rows = [on_and_off("thesis-hall", grid, args.repeats) for grid in TABLE_4_10]
     rows.append(on_and_off("particles-in-fog", (160, 90, 64), args.repeats))
     print(table(rows, ("scene", "off", "on", "kept", "on/off", "kept/off", "RX 5700 XT", "GTX 1050")))

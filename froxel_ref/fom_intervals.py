@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Intervals", "intervals"]
+__all__ = ["Intervals", "intervals", "least_bound", "one_slab"]
 
 Reals: TypeAlias = NDArray[np.float64]
 Complexes: TypeAlias = NDArray[np.complex128]
@@ -76,17 +76,77 @@ def intervals(moments: Complexes) -> Intervals:
     (4.0, 0.25, 0.0)
     """
     drawn = _drawn(moments)
-    low, high = np.zeros(drawn.shape[1]), np.full(drawn.shape[1], np.log(HIGHEST))
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        feasible = _feasible(drawn, np.exp(middle))
-        high, low = np.where(feasible, middle, high), np.where(feasible, low, middle)
-    bound = np.exp(high)
+    bound = least_bound(drawn)
     reflection, first = _reflections(drawn, bound)
     spread = np.maximum(1.0 - np.abs(reflection[0]) ** 2, 0.0)
     poles, zeros = _polynomials(_on_circle(reflection), first)
     start, stop = (np.sort(np.angle(_roots(each)) / (2.0 * np.pi) % 1.0, axis=0) for each in (poles, zeros))
     return Intervals(bound, start, _lengths(start, stop, 1.0 / bound), spread)
+
+
+def one_slab(moments: Complexes) -> tuple[Reals, Reals, Reals]:
+    """The slab that has the first coefficient, and how far it is from having the others.
+
+    Parameters
+    ----------
+    moments : ndarray of complex128, shape (K + 1, n) [1]
+        As for `intervals`.
+
+    Returns
+    -------
+    start, length : ndarray, shape (n,) [1]
+        Where it begins, in [0, 1), and how long it is.
+    residual : ndarray, shape (n,) [1]
+        The largest distance of a coefficient.
+
+    Notes
+    -----
+    c_k = sinc(kw)·e^{−2πikm} of a slab of length w about m: |c_1| tells w, by halving, and its argument m.
+
+    Examples
+    --------
+    >>> k = np.arange(4)
+    >>> start, length, residual = one_slab((np.sinc(0.25 * k) * np.exp(-1j * np.pi * k))[:, None])
+    >>> round(float(start[0]), 9), round(float(length[0]), 9), bool(residual[0] < 1e-9)
+    (0.375, 0.25, True)
+    """
+    low, high = np.zeros(moments.shape[1]), np.ones(moments.shape[1])
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        wide = np.sinc(middle) < np.abs(moments[1])
+        high, low = np.where(wide, middle, high), np.where(wide, low, middle)
+    length = np.maximum(high, 1.0 / HIGHEST)
+    centre = -np.angle(moments[1]) / (2.0 * np.pi)
+    k = np.arange(len(moments))[:, None]
+    slab = np.sinc(k * length) * np.exp(-2j * np.pi * k * centre)
+    return np.mod(centre - 0.5 * length, 1.0), length, np.asarray(np.abs(slab - moments).max(axis=0))
+
+
+def least_bound(moments: Complexes) -> Reals:
+    """The least bound of an extinction that has given coefficients.
+
+    Parameters
+    ----------
+    moments : ndarray of complex128, shape (K + 1, n) [1]
+        As for `intervals`.
+
+    Returns
+    -------
+    ndarray, shape (n,) [1]
+        At most `HIGHEST`, also where none has them.
+
+    Examples
+    --------
+    >>> slab = np.sinc(0.25 * np.arange(4)) + 0j
+    >>> least_bound(slab[:, None]).round(6).tolist()
+    [4.0]
+    """
+    low, high = np.zeros(moments.shape[1]), np.full(moments.shape[1], np.log(HIGHEST))
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        feasible = _feasible(moments, np.exp(middle))
+        high, low = np.where(feasible, middle, high), np.where(feasible, low, middle)
+    return np.asarray(np.exp(high))
 
 
 def _drawn(moments: Complexes) -> Complexes:
@@ -157,7 +217,7 @@ def _roots(polynomial: Complexes) -> Complexes:
     """All roots of polynomials whose roots lie on the unit circle, by Aberth's method [Aberth 1973]."""
     count = len(polynomial) - 1
     # From places without symmetry: those of coefficients that are real would keep the iteration on a line.
-    z = np.exp(2j * np.pi * (np.arange(count)[:, None] + 0.123) / count) * np.ones_like(polynomial[:1])
+    z: Complexes = np.exp(2j * np.pi * (np.arange(count)[:, None] + 0.123) / count) * np.ones_like(polynomial[:1])
     for _ in range(ROOT_STEPS):
         value, slope = np.broadcast_to(polynomial[-1], z.shape), np.zeros_like(z)
         for each in polynomial[-2::-1]:

@@ -21,6 +21,7 @@ STEPS = 16  # of Newton's method at most; a few are enough where the series is h
 DAMPING = 0.05  # of a step, times the residual: 0.01 to 0.1 end within a tenth of each other
 CLOSE = 3e-5  # residual at which steps end, per unit of optical depth: below what 8 bits of transmittance show
 ROOT_STEPS = 8  # of Newton's method in a bracket
+ROWS = 64  # of a matrix product at a time
 NOWHERE = 2.0  # where arcs lie that do not exist
 
 
@@ -85,8 +86,8 @@ def least_energy(series: Reals) -> Reals:
     best, left = series.copy(), np.full(len(series), np.inf)
     going, current = np.arange(len(series)), series.copy()
     for step in range(STEPS + 1):
-        values = current @ functions
-        residual = (current - series[going]) * weight + np.maximum(-values, 0.0) @ mean
+        values = product(current, functions)
+        residual = (current - series[going]) * weight + product(np.maximum(-values, 0.0), mean)
         size = np.abs(residual).max(axis=1)
         better = size < left[going]
         best[going[better]], left[going[better]] = current[better], size[better]
@@ -94,10 +95,20 @@ def least_energy(series: Reals) -> Reals:
         if step == STEPS or not open_.any():
             break
         going, current, residual = going[open_], current[open_], residual[open_]
-        hessian = ((values[open_] > 0.0) @ products).reshape(-1, *2 * weight.shape)
+        hessian = product((values[open_] > 0.0).astype(np.float64), products).reshape(-1, *2 * weight.shape)
         hessian += (DAMPING * size[open_])[:, None, None] * np.diag(weight)
         current = current - np.linalg.solve(hessian, residual[..., None])[..., 0]
     return best
+
+
+def product(rows: Reals, matrix: Reals) -> Reals:
+    """Matrix product in pieces too small for threads of BLAS, which would fight with those that run the blocks."""
+    whole = len(rows) // ROWS * ROWS
+    result = np.empty((len(rows), matrix.shape[1]))
+    np.matmul(rows[:whole].reshape(-1, ROWS, rows.shape[1]), matrix,
+              out=result[:whole].reshape(-1, ROWS, matrix.shape[1]))
+    result[whole:] = rows[whole:] @ matrix
+    return result
 
 
 # --- where a sum is negative ------------------------------------------------------------------------
@@ -139,6 +150,8 @@ def negative_arcs(sums: Reals) -> tuple[Reals, Reals]:
     starts, stops = [ends[0]], [ends[1]]
     # A sum is convex about a minimum: it dips below 0 between two nodes only if both tangents do.
     dips = ~below & ~after & (values + cell * slopes < 0.0) & np.roll(values - cell * slopes < 0.0, -1, axis=1)
+    texel: Integers
+    index: Integers
     texel, index = np.nonzero(dips)
     if texel.size:
         texel, bottom = _crossing(sums, texel, cell * index, cell * (index + 1), True)
@@ -158,7 +171,7 @@ def _at_nodes(sums: Reals, harmonics: int) -> tuple[Reals, Reals]:
     k = 2.0 * np.pi * np.arange(1, harmonics + 1)[:, None]
     cosines, sines = functions[1:harmonics + 1], functions[harmonics + 1:]
     slopes = np.concatenate([np.zeros_like(functions[:1]), -k * sines, k * cosines])
-    return sums @ functions, sums @ slopes
+    return product(sums, functions), product(sums, slopes)
 
 
 def _value(sums: Reals, x: Reals, derived: bool) -> tuple[Reals, Reals]:

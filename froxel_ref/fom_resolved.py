@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from froxel_ref import fom
 from froxel_ref.arrays import Field
 from froxel_ref.blocks import run
-from froxel_ref.fom_intervals import HIGHEST, intervals
-from froxel_ref.fom_nonnegative import NOWHERE, basis, least_energy, negative_arcs, nodes
+from froxel_ref.fom_intervals import HIGHEST, Intervals, intervals, least_bound, one_slab
+from froxel_ref.fom_nonnegative import NOWHERE, basis, least_energy, negative_arcs, nodes, product
 from froxel_ref.records import InputError
 
 __all__ = ["resolve", "resolved_depth", "resolved_transmittance"]
@@ -30,16 +30,20 @@ THIN = 0.05, 0.1  # length of the intervals in all: up to the first they are bel
 SINGLE = 1e-3, 2e-3  # their spread, likewise: a slab is told by fewer numbers than there are
 DIP = 0.03  # how far the series falls below 0, of its mean, for intervals to be believed fully
 ROUNDING = 1e-13  # how far it may fall for being the extinction itself
+LEAST_ROUNDING = 1e-9  # for a slab to be told by
 ENDS = 1e-6  # how near to 0 or 1 a thin layer counts as being at both
 
 
-def resolve(coefficients: Field) -> Array:
+def resolve(coefficients: Field, *, rounding: float = 0.0) -> Array:
     """What coefficients are looked up by without ringing.
 
     Parameters
     ----------
     coefficients : ndarray, shape (2, K + 1, …) [1]
         From `fom.sample_coefficients`, `fom.segment_coefficients`, or sums of such. b_0 is not read.
+    rounding : float [1]
+        Of the coefficients, relative, if it is more than that of their arithmetic: 2⁻¹² where they were stored as
+        float16.
 
     Returns
     -------
@@ -66,6 +70,11 @@ def resolve(coefficients: Field) -> Array:
     Coefficients repeat: a layer at 0 and one at 1 are the same to them. It is put at 0, and a steep medium at one end
     bleeds to the other as it does in the series.
 
+    Rounded coefficients may be those of a few thin layers alone, though what they were of is smooth. So how thin the
+    intervals are is told with the coefficients drawn to those of a uniform extinction by four times their rounding;
+    a slab that has them but for sixteen roundings is believed; and an interval that reaches beyond an end by no more
+    than eight ends there.
+
     Examples
     --------
     >>> layer = resolve(fom.sample_coefficients(np.array([0.5]), np.array([4.0])))
@@ -81,13 +90,13 @@ def resolve(coefficients: Field) -> Array:
     out = np.zeros((7 * count, flat.shape[2]), np.promote_types(coefficients.dtype, np.float32))
 
     def task(start: int) -> None:
-        out[:, start:start + BLOCK] = _resolved(flat[:, :, start:start + BLOCK])
+        out[:, start:start + BLOCK] = _resolved(flat[:, :, start:start + BLOCK], rounding)
 
     run(task, range(0, flat.shape[2], BLOCK))
     return out.reshape(7 * count, *texels)
 
 
-def _resolved(coefficients: Reals) -> Reals:
+def _resolved(coefficients: Reals, rounding: float) -> Reals:
     """`resolve` of texels in a row: the series, and where that is negative the two extinctions instead."""
     _, count, texels = coefficients.shape
     total = np.maximum(0.5 * coefficients[0, 0], 0.0)
@@ -105,10 +114,10 @@ def _resolved(coefficients: Reals) -> Reals:
     moments[0] = total > 0.0
     moments /= np.maximum(np.abs(moments), 1.0)
     series = np.concatenate([moments[:1].real, 2.0 * moments[1:].real, -2.0 * moments[1:].imag])
-    dip = -(basis(nodes(count - 1), count - 1).T @ series).min(axis=0)
+    dip = -product(series.T, basis(nodes(count - 1), count - 1)).min(axis=1)
     negative = np.flatnonzero(dip > ROUNDING)
     if negative.size:
-        share, steps[:, negative] = _stepped(moments[:, negative], dip[negative], total[negative])
+        share, steps[:, negative] = _stepped(moments[:, negative], dip[negative], total[negative], rounding)
         rest = (1.0 - share) * total[negative]
         summed[:, :, negative], arcs[:, :, negative] = _smooth(series[:, negative], rest)
     return out
@@ -121,17 +130,40 @@ def _parts(resolved: Array) -> tuple[Array, Array, Array]:
             resolved[2 * count + 1:5 * count + 1].reshape(3, count, *texels), resolved[5 * count + 1:])
 
 
-def _stepped(moments: NDArray[np.complex128], dip: Reals, total: Reals) -> tuple[Reals, Reals]:
+def _stepped(moments: NDArray[np.complex128], dip: Reals, total: Reals, rounding: float) -> tuple[Reals, Reals]:
     """The share w of the intervals, and their extinction, starts and lengths, shape (2 K + 1, n)."""
     found = intervals(moments)
-    share = np.maximum(_falling(1.0 / found.bound, THIN), _falling(found.spread, SINGLE))
+    bound, single = found.bound, _falling(found.spread, SINGLE)
+    if rounding > 0.0:
+        drawn = (1.0 - 4.0 * rounding) * moments
+        drawn[0] = moments[0]
+        bound = np.minimum(bound, least_bound(drawn))
+    # Always, for from some seven harmonics on the reflection coefficients of a slab lose their digits.
+    found, single = _one_slab(moments, found, single, max(rounding, LEAST_ROUNDING))
+    share = np.maximum(_falling(1.0 / bound, THIN), single)
     share *= np.minimum(dip / DIP, 1.0)
     # What is as thin as can be would lie at both ends if it reaches beyond one: it is moved to where its middle is.
     over = found.start + found.length > 1.0
     thin = over & (found.length < 2.0 / HIGHEST)
     late = found.start + 0.5 * found.length < 1.0 - ENDS
     start = np.where(thin, np.where(late, 1.0 - found.length, 0.0), found.start)
+    slack = max(8.0 * rounding, ENDS)
+    start = np.where(over & (found.start + found.length < 1.0 + slack), 1.0 - found.length, start)
+    start = np.where(over & (found.start > 1.0 - slack), 0.0, start)
     return share, np.concatenate([[share * total * found.bound], start, found.length])
+
+
+def _one_slab(moments: NDArray[np.complex128], found: Intervals, single: Reals, rounding: float
+              ) -> tuple[Intervals, Reals]:
+    """Where one slab has the coefficients but for their rounding, that slab."""
+    start, length, residual = one_slab(moments)
+    believed = _falling(residual, (16.0 * rounding, 32.0 * rounding))
+    better = believed > single
+    first = np.arange(len(found.start))[:, np.newaxis] == 0
+    return Intervals(np.where(better, 1.0 / length, found.bound),
+                     np.where(better, np.where(first, start, 0.0), found.start),
+                     np.where(better, np.where(first, length, 0.0), found.length),
+                     found.spread), np.maximum(single, believed)
 
 
 def _falling(x: Reals, ends: tuple[float, float]) -> Reals:

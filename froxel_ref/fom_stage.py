@@ -106,7 +106,8 @@ def _resolved(coefficients: Field, settings: Settings, dtype: DTypeLike) -> Fiel
     if settings.opacity_maps.reconstruction != "resolved":
         return np.zeros((*faces, channels, 0, 0), dtype)
     flat = coefficients.reshape(-1, *coefficients.shape[-3:])
-    made = [resolve(pairs_of(planes)) for planes in flat] or [np.zeros((channels, rows, columns))]
+    rounding = 2.0**-12 if settings.opacity_maps.storage == "float16" else 0.0
+    made = [resolve(pairs_of(planes), rounding=rounding) for planes in flat] or [np.zeros((channels, rows, columns))]
     return np.stack(made)[:len(flat)].reshape(*faces, channels, rows, columns).astype(dtype, copy=False)
 
 

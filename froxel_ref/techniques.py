@@ -167,7 +167,8 @@ def _resolved(*, harmonics: int = 3, storage: str | None = None) -> Technique:
 
     def decode(encoded: Field, depth: Field) -> Field:
         pairs = encoded.reshape(2, harmonics + 1, *encoded.shape[1:])
-        passed = fom_resolved.resolved_transmittance(fom_resolved.resolve(pairs), depth)
+        found = fom_resolved.resolve(pairs, rounding=2.0**-12 if storage == "float16" else 0.0)
+        passed = fom_resolved.resolved_transmittance(found, depth)
         return passed.astype(np.result_type(encoded, depth), copy=False)
 
     return plain._replace(name=_name("resolved", harmonics, storage), uncut=None, decode=decode,
