@@ -158,7 +158,7 @@ def _one_slab(moments: NDArray[np.complex128], found: Intervals, single: Reals, 
     """Where one slab has the coefficients but for their rounding, that slab."""
     start, length, residual = one_slab(moments)
     believed = _falling(residual, (16.0 * rounding, 32.0 * rounding))
-    better = believed > single
+    better = (believed >= single) & (believed > 0.0)
     first = np.arange(len(found.start))[:, np.newaxis] == 0
     return Intervals(np.where(better, 1.0 / length, found.bound),
                      np.where(better, np.where(first, start, 0.0), found.start),
