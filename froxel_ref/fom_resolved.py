@@ -158,7 +158,10 @@ def _one_slab(moments: NDArray[np.complex128], found: Intervals, single: Reals, 
     """Where one slab has the coefficients but for their rounding, that slab."""
     start, length, residual = one_slab(moments)
     believed = _falling(residual, (16.0 * rounding, 32.0 * rounding))
-    better = (believed >= single) & (believed > 0.0)
+    k = np.arange(len(moments))[:, np.newaxis, np.newaxis]
+    waves = np.sinc(k * found.length) * np.exp(-2j * np.pi * k * (found.start + 0.5 * found.length))
+    off = np.abs((found.bound * found.length * waves).sum(axis=1) - moments).max(axis=0)
+    better = (believed > single) | ((believed > 0.0) & (residual < off))
     first = np.arange(len(found.start))[:, np.newaxis] == 0
     return Intervals(np.where(better, 1.0 / length, found.bound),
                      np.where(better, np.where(first, start, 0.0), found.start),
