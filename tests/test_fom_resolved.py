@@ -253,3 +253,11 @@ def test_resolving_a_tile_is_quick() -> None:
     begin = time.perf_counter()
     resolve(made)
     print(f"65,536 texels resolved in {time.perf_counter() - begin:.2f} s")
+
+
+@pytest.mark.parametrize("tau", TAUS)
+@pytest.mark.parametrize("length", [0.83, 0.9, 0.97, 1.0])
+def test_long_slabs_are_not_told_and_not_worse(length: float, tau: float) -> None:
+    """Beyond some 0.82 of the ray the series of a slab is nowhere negative: it is a medium by itself."""
+    series, resolved = errors(ray(0.5 - 0.5 * length, 0.5 + 0.5 * length, tau))
+    assert resolved <= 1.2 * series + 1e-12
