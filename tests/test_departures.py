@@ -58,6 +58,28 @@ def test_sizes_are_what_the_table_says(switch: str) -> None:
     assert SIZES[switch] / 4 < size < SIZES[switch] * 4
 
 
+# Likewise, with volumetric shadows: of the scene that asks the question.
+DIMMED = {
+    ("thesis-hall", "fom_samples=front"): 2.2e-3, ("thesis-hall", "fom_samples=dithered"): 2.4e-3,
+    ("thesis-hall", "fom_samples=middle"): 6.8e-4, ("thesis-hall", "fom_range=fixed"): 3.0e-3,
+    ("thesis-hall", "fom_tiles=small"): 1.6e-3, ("ringing", "fom_range=bounded"): 0.064,
+    ("particles-in-fog", "fom_particles=centre"): 0.052, ("ringing", "fom_particles=centre"): 0.24,
+}
+
+
+@pytest.mark.parametrize(("name", "switch"), DIMMED)
+def test_sizes_of_the_maps_are_what_the_table_says(name: str, switch: str) -> None:
+    loaded = scene_files.load(name)
+    camera = dataclasses.replace(loaded.scene.camera, width=64, height=36)
+    scene = dataclasses.replace(loaded.scene, camera=camera)
+    how = replace(loaded.settings, volumetric_shadows="maps",
+                  grid=dataclasses.replace(loaded.settings.grid, width=48, height=27, depth=48))
+    word, value = switch.split("=")
+    right, wrong = picture(run_frame(scene, how)), picture(run_frame(scene, replace(how, **{word: value})))
+    size = math.sqrt(np.mean((wrong - right) ** 2)) / right.mean()
+    assert DIMMED[name, switch] / 4 < size < DIMMED[name, switch] * 4
+
+
 @pytest.mark.parametrize("switch", SWITCHES)
 def test_every_word_of_every_switch_runs(switch: str) -> None:
     how = Settings(grid=GRID)
