@@ -18,7 +18,7 @@ from froxel_ref.density import Placed, place
 from froxel_ref.fom import PUBLISHED_LEAST_TRANSMITTANCE
 from froxel_ref.fom_lookup import planes_of
 from froxel_ref.fom_march import DITHER, Marching, Span, media_coefficients, media_span
-from froxel_ref.fom_particles import add_crossings, casting, crossing_span
+from froxel_ref.fom_particles import Crossed, add_crossings, casting, crossed, crossing_span
 from froxel_ref.fom_plan import dimming_media, faces_shape, is_octahedral, map_border, meets, used_texels
 from froxel_ref.fom_views import Wanted, cascade_lines, lamp_directions, lamp_reach, opacity_cascades
 from froxel_ref.geometry import Lines
@@ -141,7 +141,7 @@ class _Lamp(NamedTuple):
     target: Field
     reach: float
     media: dict[int, Placed]
-    crossings: Crossings
+    particles: Crossed
 
     def lines(self, rows: slice) -> Lines:
         """The rays of some rows of texels."""
@@ -201,7 +201,7 @@ def lamp_tiles(scene: Scene, settings: Settings, dimming: Dimming, lamps: Mappin
 
     def look(k: int) -> None:
         made[k] = lamp = _lamp(lamps[list(held)[k]], outs[k], scene, settings, dimming)
-        spans[k, 0] = _lamp_span(lamp, dimming.particles, settings)
+        spans[k, 0] = _lamp_span(lamp, settings)
 
     blocks.run(look, range(len(held)), threads=threads)
     every = [lamp for lamp in made if lamp is not None]
@@ -212,7 +212,8 @@ def lamp_tiles(scene: Scene, settings: Settings, dimming: Dimming, lamps: Mappin
 
     def finish(k: int) -> None:
         near, far = spans[k, 0, :1], spans[k, 0, 1:]
-        add_crossings(every[k].target, every[k].crossings, near, far)
+        for _, crossings in every[k].particles():
+            add_crossings(every[k].target, crossings, near, far)
         gutter = (outs[k].shape[-1] - every[k].target.shape[-1]) // 2
         if gutter:
             outs[k][...] = pad_octahedral(every[k].target.copy(), gutter)
@@ -233,21 +234,25 @@ def _lamp(light: PointLight, out: Field, scene: Scene, settings: Settings, dimmi
         ways, target = ways[:, inner, inner], out[:, inner, inner]
     reach = lamp_reach(light, scene.camera, settings.grid)
     near = {i: placed for i, placed in dimming.media.items() if meets(light, placed.medium, reach)}
-    crossings = lamp_hits(dimming.particles, light.position, np.ascontiguousarray(ways).reshape(3, -1),
-                          depth=settings.fom_particles, size=_size(settings), least_transmittance=_least(settings))
-    ray, particle, distance, tau = crossings
-    reached = distance < reach
-    return _Lamp(light, ways, target, reach, near,
-                 Crossings(ray[reached], particle[reached], distance[reached], tau[reached]))
+    flat = np.ascontiguousarray(ways).reshape(3, -1)
+
+    def cross(some: Particles) -> Crossings:
+        ray, particle, distance, tau = lamp_hits(
+            some, light.position, flat, depth=settings.fom_particles, size=_size(settings),
+            least_transmittance=_least(settings))
+        reached = distance < reach
+        return Crossings(ray[reached], particle[reached], distance[reached], tau[reached])
+
+    return _Lamp(light, ways, target, reach, near, crossed(dimming.particles, cross))
 
 
-def _lamp_span(lamp: _Lamp, particles: Particles, settings: Settings) -> tuple[float, float]:
+def _lamp_span(lamp: _Lamp, settings: Settings) -> tuple[float, float]:
     """The depths that a lamp's map covers."""
     everywhere = any(not isinstance(placed.medium, LocalMedium) for placed in lamp.media.values())
     if settings.fom_range != "bounded" or everywhere:
         return 0.0, lamp.reach
     span = media_span(list(lamp.media.values()), lamp.lines(slice(None)))
-    near, far = crossing_span(particles, lamp.crossings, span.near.size, size=_size(settings))
+    near, far = crossing_span(lamp.particles, span.near.size, size=_size(settings))
     low, high = float(min(span.near.min(), near.min())), float(max(span.far.max(), far.max()))
     return (max(low, 0.0), min(high, lamp.reach)) if high > low else (0.0, 0.0)
 
@@ -339,9 +344,10 @@ def _cascade_task(light: DirectionalLight, view: LightRaster, dimming: Dimming, 
     def fill() -> None:
         lines = cascade_lines(view)
         x, y, z = light.direction
-        crossings = sun_hits(dimming.particles, np.asarray(lines.origin, np.float64), (-x, -y, -z),
-                             depth=settings.fom_particles, size=_size(settings), least_transmittance=_least(settings))
-        span = _cascade_span(lines, crossings, dimming, settings)
+        particles = crossed(dimming.particles, lambda some: sun_hits(
+            some, np.asarray(lines.origin, np.float64), (-x, -y, -z), depth=settings.fom_particles,
+            size=_size(settings), least_transmittance=_least(settings)))
+        span = _cascade_span(lines, particles, dimming, settings)
         # Rounded first, so that a lookup has the very range that the coefficients are made for.
         near, far = (end.astype(out.dtype) for end in span)
         ends[0], ends[1] = near.reshape(size, size), far.reshape(size, size)
@@ -355,15 +361,16 @@ def _cascade_task(light: DirectionalLight, view: LightRaster, dimming: Dimming, 
 
         for task in _row_tasks(dimming.media, dimming.extinction, some, Span(near, far), out, settings, whole=False):
             task()
-        add_crossings(out, crossings, near, far)
+        for _, crossings in particles():
+            add_crossings(out, crossings, near, far)
 
     return fill
 
 
-def _cascade_span(lines: Lines, crossings: Crossings, dimming: Dimming, settings: Settings) -> Span:
+def _cascade_span(lines: Lines, particles: Crossed, dimming: Dimming, settings: Settings) -> Span:
     """The depths that each texel covers; 0 to 0 where nothing lies on its ray."""
     media = media_span(list(dimming.media.values()), lines)
-    near, far = crossing_span(dimming.particles, crossings, media.near.size, size=_size(settings))
+    near, far = crossing_span(particles, media.near.size, size=_size(settings))
     near, far = np.minimum(near, media.near), np.maximum(far, media.far)
     met = far > near
     if settings.fom_range == "fixed":

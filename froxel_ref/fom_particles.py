@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from typing import TypeAlias
 
 import numpy as np
@@ -13,9 +14,15 @@ from froxel_ref.billboards import Particles, reaches
 from froxel_ref.fom import sample_coefficients
 from froxel_ref.fom_lookup import planes_of
 
-__all__ = ["add_crossings", "casting", "crossing_span"]
+__all__ = ["Crossed", "add_crossings", "casting", "crossed", "crossing_span"]
 
 Integers: TypeAlias = NDArray[np.intp]
+
+Crossed: TypeAlias = Callable[[], Iterable[tuple[Particles, Crossings]]]
+"""Some particles at a time, and where rays cross them; may be asked more than once."""
+
+# Particles that are crossed at a time: where each covers all of 65,536 rays, a quarter of a gigabyte.
+FEW = 128
 
 
 def casting(particles: Particles) -> Particles:
@@ -39,20 +46,55 @@ def casting(particles: Particles) -> Particles:
     >>> casting(placed_particles(scene, load_assets(scene, None))).position[1].tolist()
     [1.0]
     """
-    some = np.flatnonzero((particles.opacity > 0.0) & (particles.multiplier > 0.0))
+    return chosen(particles, np.flatnonzero((particles.opacity > 0.0) & (particles.multiplier > 0.0)))
+
+
+def chosen(particles: Particles, some: Integers) -> Particles:
+    """Some of the particles."""
     return particles._replace(**{name: getattr(particles, name)[..., some] for name in Particles._fields
                                  if name != "textures"})
 
 
-def crossing_span(particles: Particles, crossings: Crossings, count: int, *, size: str = "edge"
-                  ) -> tuple[Field, Field]:
-    """Nearest and farthest depth of particles along rays, as if they were as thick as they are wide.
+def crossed(particles: Particles, cross: Callable[[Particles], Crossings]) -> Crossed:
+    """Cross particles a few at a time, so that memory stays bounded however many there are.
 
     Parameters
     ----------
     particles : Particles
-    crossings : Crossings
-        Of rays and particles.
+    cross : callable
+        From some particles to where rays cross them.
+
+    Returns
+    -------
+    callable
+        See `Crossed`. Few particles are crossed once, many each time that it is called.
+
+    Examples
+    --------
+    >>> from froxel_ref.assets import load_assets
+    >>> from froxel_ref.billboards import placed_particles
+    >>> from froxel_ref.scene import ParticleCloud, Scene
+    >>> scene = Scene(particles=(ParticleCloud(count=300),))
+    >>> none = Crossings(*(np.zeros(0, np.intp),) * 4)
+    >>> parts = crossed(placed_particles(scene, load_assets(scene, None)), lambda some: none)
+    >>> [some.size.size for some, _ in parts()]
+    [128, 128, 44]
+    """
+    count = particles.size.size
+    parts = [chosen(particles, np.arange(begin, min(begin + FEW, count))) for begin in range(0, count, FEW)]
+    if len(parts) > 1:
+        return lambda: ((part, cross(part)) for part in parts)
+    made = [(part, cross(part)) for part in parts]
+    return lambda: made
+
+
+def crossing_span(parts: Crossed, count: int, *, size: str = "edge") -> tuple[Field, Field]:
+    """Nearest and farthest depth of particles along rays, as if they were as thick as they are wide.
+
+    Parameters
+    ----------
+    parts : callable
+        From `crossed`.
     count : int
         Rays.
     size : {"edge", "half"}
@@ -76,14 +118,16 @@ def crossing_span(particles: Particles, crossings: Crossings, count: int, *, siz
     >>> from froxel_ref.scene import Particle, Scene
     >>> scene = Scene(particles=(Particle(position=(0, 0, -4), size=2, profile="disc"),))
     >>> ready = placed_particles(scene, load_assets(scene, None))
-    >>> hits = lamp_hits(ready, (0.0, 0.0, 0.0), np.array([[0.0, 0.0], [0.0, 1.0], [-1.0, 0.0]]))
-    >>> [end.tolist() for end in crossing_span(ready, hits, 2)]
+    >>> ways = np.array([[0.0, 0.0], [0.0, 1.0], [-1.0, 0.0]])
+    >>> parts = crossed(ready, lambda some: lamp_hits(some, (0.0, 0.0, 0.0), ways))
+    >>> [end.tolist() for end in crossing_span(parts, 2)]
     [[3.0, inf], [5.0, -inf]]
     """
     near, far = np.full(count, np.inf), np.full(count, -np.inf)
-    half = reaches(particles, size=size)[crossings.particle]
-    np.minimum.at(near, crossings.ray, crossings.distance - half)
-    np.maximum.at(far, crossings.ray, crossings.distance + half)
+    for particles, crossings in parts():
+        half = reaches(particles, size=size)[crossings.particle]
+        np.minimum.at(near, crossings.ray, crossings.distance - half)
+        np.maximum.at(far, crossings.ray, crossings.distance + half)
     return near, far
 
 
