@@ -34,7 +34,7 @@ LEAST_ROUNDING = 1e-9  # for a slab to be told by
 ENDS = 1e-6  # how near to 0 or 1 a thin layer counts as being at both
 
 
-def resolve(coefficients: Field, *, rounding: float = 0.0) -> Array:
+def resolve(coefficients: Field, *, rounding: float = 0.0, threads: int | None = None) -> Array:
     """What coefficients are looked up by without ringing.
 
     Parameters
@@ -44,6 +44,8 @@ def resolve(coefficients: Field, *, rounding: float = 0.0) -> Array:
     rounding : float [1]
         Of the coefficients, relative, if it is more than that of their arithmetic: 2⁻¹² where they were stored as
         float16.
+    threads : int, optional
+        Default: one for each core. The result does not depend on it.
 
     Returns
     -------
@@ -92,7 +94,7 @@ def resolve(coefficients: Field, *, rounding: float = 0.0) -> Array:
     def task(start: int) -> None:
         out[:, start:start + BLOCK] = _resolved(flat[:, :, start:start + BLOCK], rounding)
 
-    run(task, range(0, flat.shape[2], BLOCK))
+    run(task, range(0, flat.shape[2], BLOCK), threads=threads)
     return out.reshape(7 * count, *texels)
 
 

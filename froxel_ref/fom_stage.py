@@ -93,13 +93,13 @@ def opacity_maps(scene: Scene, settings: Settings, assets: Assets, *, dtype: DTy
             continue
         if settings.opacity_maps.storage == "float16":
             results[stored] = storage.store(results[stored], "float16")
-        results[resolved] = _resolved(results[stored], settings, dtype)
+        results[resolved] = _resolved(results[stored], settings, dtype, threads)
     for array in results.values():
         array.flags.writeable = False  # they may be handed on to the next frame
     return results
 
 
-def _resolved(coefficients: Field, settings: Settings, dtype: DTypeLike) -> Field:
+def _resolved(coefficients: Field, settings: Settings, dtype: DTypeLike, threads: int | None) -> Field:
     """Coefficients (…, 2K + 2, rows, columns) made ready to be read without ringing; nothing for other readings."""
     faces, (_, rows, columns) = coefficients.shape[:-3], coefficients.shape[-3:]
     channels = 7 * (settings.opacity_maps.harmonics + 1)
@@ -107,8 +107,10 @@ def _resolved(coefficients: Field, settings: Settings, dtype: DTypeLike) -> Fiel
         return np.zeros((*faces, channels, 0, 0), dtype)
     flat = coefficients.reshape(-1, *coefficients.shape[-3:])
     rounding = 2.0**-12 if settings.opacity_maps.storage == "float16" else 0.0
-    made = [resolve(pairs_of(planes), rounding=rounding) for planes in flat] or [np.zeros((channels, rows, columns))]
-    return np.stack(made)[:len(flat)].reshape(*faces, channels, rows, columns).astype(dtype, copy=False)
+    made = np.empty((len(flat), channels, rows, columns), dtype)
+    for planes, out in zip(flat, made, strict=True):
+        out[...] = resolve(pairs_of(planes), rounding=rounding, threads=threads)
+    return np.asarray(made.reshape(*faces, channels, rows, columns))
 
 
 def empty_maps(settings: Settings, dtype: DTypeLike = np.float64) -> dict[str, Any]:

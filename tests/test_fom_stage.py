@@ -165,16 +165,21 @@ def test_what_a_scene_does_not_need_is_left_out(scene: Scene, why: str) -> None:
 
 
 def test_planned_equals_forced_bit_for_bit() -> None:
-    for how in (HOW, replace(HOW, volumetric_shadows="exact"), replace(HOW, fidelity="author")):
+    resolved = replace(HOW, opacity_maps=dataclasses.replace(MAPS, reconstruction="resolved"))
+    for how in (HOW, replace(HOW, volumetric_shadows="exact"), replace(HOW, fidelity="author"), resolved):
         planned, forced = (framed(how=how, force_all=force) for force in (False, True))
         for name in QUANTITIES:
             a, b = np.broadcast_arrays(planned[name], forced[name])
             assert a.tobytes() == b.tobytes(), name
 
 
-def test_results_depend_neither_on_threads_nor_on_what_was_before() -> None:
-    one, many = framed(threads=1), framed(threads=5)
-    again = framed(previous=one)
+@pytest.mark.parametrize("reconstruction", ["fourier", "resolved"])
+def test_results_depend_neither_on_threads_nor_on_what_was_before(reconstruction: str) -> None:
+    how = replace(HOW, opacity_maps=dataclasses.replace(MAPS, reconstruction=reconstruction))
+    one, many = framed(how=how, threads=1), framed(how=how, threads=5)
+    again = framed(how=how, previous=one)
+    assert (one["fom/resolved"].size > 0) == (reconstruction == "resolved")
+    assert sum(one[name].nbytes for name in (*LAMPS, *SUNS)) == map_bytes(SCENE, how)
     for name in QUANTITIES:
         assert one[name].tobytes() == many[name].tobytes() == again[name].tobytes()
     assert set(again.reused) >= {*LAMPS, *SUNS}
