@@ -113,7 +113,7 @@ def estimate_bytes(scene: Scene, settings: Settings) -> int:
     Examples
     --------
     >>> estimate_bytes(Scene(), Settings()) // 10**6
-    203
+    220
     """
     sizes = {"x": settings.grid.width, "y": settings.grid.height, "z": settings.grid.depth}
     image = {"x": scene.camera.width, "y": scene.camera.height}
@@ -162,7 +162,7 @@ def working_bytes(scene: Scene, settings: Settings) -> int:
     Examples
     --------
     >>> working_bytes(Scene(), Settings()) // 10**6
-    50
+    55
     """
     grid, item = settings.grid, np.dtype(settings.precision).itemsize
     lobes = _lobes(scene, settings)
