@@ -101,16 +101,15 @@ def opacity_maps(scene: Scene, settings: Settings, assets: Assets, *, dtype: DTy
 
 def _resolved(coefficients: Field, settings: Settings, dtype: DTypeLike, threads: int | None) -> Field:
     """Coefficients (…, 2K + 2, rows, columns) made ready to be read without ringing; nothing for other readings."""
-    faces, (_, rows, columns) = coefficients.shape[:-3], coefficients.shape[-3:]
+    faces, rows, columns = coefficients.shape[:-3], *coefficients.shape[-2:]
     channels = 7 * (settings.opacity_maps.harmonics + 1)
     if settings.opacity_maps.reconstruction != "resolved":
         return np.zeros((*faces, channels, 0, 0), dtype)
-    flat = coefficients.reshape(-1, *coefficients.shape[-3:])
+    made = np.empty((*faces, channels, rows, columns), dtype)
     rounding = 2.0**-12 if settings.opacity_maps.storage == "float16" else 0.0
-    made = np.empty((len(flat), channels, rows, columns), dtype)
-    for planes, out in zip(flat, made, strict=True):
-        out[...] = resolve(pairs_of(planes), rounding=rounding, threads=threads)
-    return np.asarray(made.reshape(*faces, channels, rows, columns))
+    for face in np.ndindex(faces) if made.size else ():
+        made[face] = resolve(pairs_of(coefficients[face]), rounding=rounding, threads=threads)
+    return made
 
 
 def empty_maps(settings: Settings, dtype: DTypeLike = np.float64) -> dict[str, Any]:

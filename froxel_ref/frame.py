@@ -281,8 +281,8 @@ def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets 
     progress : callable, optional
         Called as ``progress(stage, index, count)`` before each stage.
     previous : Frame, optional
-        An earlier frame, whose shadow maps are taken over where neither lights nor surfaces have moved. The
-        result is the same to the last bit.
+        An earlier frame, whose shadow and opacity maps are taken over where nothing that they depend on has
+        changed. The result is the same to the last bit, for assets as `load_assets` gives them.
 
     Returns
     -------

@@ -219,6 +219,8 @@ def _run_media(job: Job, results: Results) -> dict[str, Field]:
 
 
 def _run_shadow(job: Job, results: Results) -> dict[str, Field]:
+    if job.settings.shadows != "maps":  # forced, but not to what was switched off
+        return shadow_stage.empty_maps(job.settings, job.dtype)
     return shadow_stage.shadow_maps(job.scene, job.settings, job.assets, dtype=job.dtype, threads=job.threads,
                                     known=results)
 

@@ -185,6 +185,25 @@ def test_results_depend_neither_on_threads_nor_on_what_was_before(reconstruction
     assert set(again.reused) >= {*LAMPS, *SUNS}
 
 
+@pytest.mark.parametrize("word", ["off", "exact", "maps"])
+@pytest.mark.parametrize("scene", [
+    SCENE, Scene(camera=CAMERA), dataclasses.replace(SCENE, lights=(SUN,)), dataclasses.replace(SCENE, lights=(LAMP,)),
+    dataclasses.replace(SCENE, lights=()), dataclasses.replace(SCENE, lights=tuple(
+        dataclasses.replace(LAMP, position=(0.1 * i, 2.0, 0.0)) for i in range(20)))])
+def test_resolved_maps_of_any_scene(scene: Scene, word: str) -> None:
+    """Without lamps, without suns, without anything, with an atlas that is full."""
+    how = replace(HOW, volumetric_shadows=word, opacity_maps=dataclasses.replace(MAPS, reconstruction="resolved"))
+    frame = framed(scene, how)
+    assert np.isfinite(frame[FINAL]).all()
+    assert sum(frame[name].nbytes for name in (*LAMPS, *SUNS)) == map_bytes(scene, how)
+
+
+@pytest.mark.parametrize("word", ["off", "exact"])
+def test_what_is_switched_off_is_not_forced_on(word: str) -> None:
+    frame = framed(how=replace(HOW, shadows=word, volumetric_shadows=word), force_all=True)
+    assert frame["shadow/point_depth"].size == frame["fom/coefficients"].size == 0
+
+
 @pytest.mark.parametrize("change", [
     {"local_media": (BALL,)}, {"global_media": (dataclasses.replace(FOG, extinction=0.2),)},
     {"lights": (SUN, dataclasses.replace(LAMP, position=(2.0, 2.6, 0.5)), SPOT)},
