@@ -280,7 +280,7 @@ def map_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
                       if suns else "none that a local medium or particle dims"))
     for number, each in wanted.items():
         if each.tile is None:
-            parts.append(Part(f"lights[{number}]", False, "media do not dim it: the atlas has no room for "
+            parts.append(Part(f"lights[{number}]", False, "fog and particles do not dim it: the atlas has no room for "
                                                           f"{settings.opacity_maps.smallest}²"))
         elif each.tile.size < each.size:
             parts.append(Part(f"lights[{number}]", True, f"{each.tile.size}² instead of {each.size}²: no more room"))

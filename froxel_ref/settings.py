@@ -183,7 +183,9 @@ class ShadowMaps(Record):
 class OpacityMaps(Record):
     """Fourier opacity maps: their sizes, how they are made, and how transmittance is read from them."""
 
-    harmonics: int = integer(3, "K, two coefficients each and two more [Jansen 2010]", at_least=0, at_most=32)
+    harmonics: int = integer(
+        3, "K, two coefficients each and two more [Jansen 2010]; 0: the whole optical depth, linear over the range",
+        at_least=0, at_most=32)
     reconstruction: str = choice(
         "fourier", "lanczos", "resolved", default="fourier",
         about="the series; with σ-factors, which rings less and is less sharp; or as a non-negative extinction")

@@ -259,7 +259,7 @@ def test_a_full_atlas_gives_smaller_tiles_then_none_and_explain_says_so() -> Non
     assert parts["point and spot lights"].why == "tiles of the 128² atlas: 3 of 64², 4 of 32²"
     assert parts["lights[4]"].why == "32² instead of 64²: no more room"
     assert (parts["lights[7]"].runs, parts["lights[7]"].why) == (
-        False, "media do not dim it: the atlas has no room for 32²")
+        False, "fog and particles do not dim it: the atlas has no room for 32²")
     frame = framed(odd, how)
     assert frame["fom/light"].tolist() == list(range(7))
     assert frame["fom/coefficients"].shape == (8, 128, 128)
