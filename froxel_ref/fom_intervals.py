@@ -20,9 +20,10 @@ Mask: TypeAlias = NDArray[np.bool_]
 
 HIGHEST = 1024.0  # bound per unit of optical depth: what is thinner than 1/1024 of the ray is that wide
 HALVINGS = 40  # of the logarithm of the bound: seven digits less than float64 has, and than a layer's ends show
-UNIT = 1e-7  # how near to 1 a reflection coefficient counts as 1
-ASIDE = np.exp(0.7j)  # where poles that are none are put: not where slabs of round numbers have their ends
-ROOT_STEPS = 12  # of Aberth's method, whose order is 3
+ENDING = 1e-8  # what is left to explain, as a share, where a coefficient counts as explained by those before
+ASIDE = np.exp(0.618034j * np.pi)  # turned by its powers, poles that are none lie apart from each other
+ROOT_STEPS = 40  # of Aberth's method at most, whose order is 3: some ten do, unless roots lie close together
+SETTLED = 1e-8  # the step that ends them: the next would be of rounding
 
 
 class Intervals(NamedTuple):
@@ -62,7 +63,9 @@ def intervals(moments: Complexes) -> Intervals:
     positive real part iff 0 ≤ σ ≤ L [Akhiezer 1962; Krein 1977]. Its Taylor coefficients up to K follow from c; they
     are those of such a function iff Schur's reflection coefficients γ_1 … γ_K are below 1 in size, so L is found by
     bisection. At the least L the last one is 1 in size and the function rational: its poles on the circle are where
-    the intervals begin, its zeros where they end, both roots of para-orthogonal polynomials [Simon 2005].
+    the intervals begin, its zeros where they end, both roots of para-orthogonal polynomials [Simon 2005]. What is left
+    to explain after each is Π(1 − |γ|²); where next to nothing is, as after the first of a slab, the further γ are
+    rounding, are not looked at, and count as 1 in size.
 
     Coefficients that no extinction up to `HIGHEST` has (thin layers, rounded coefficients) are drawn to those of a
     uniform extinction until there is one.
@@ -77,11 +80,10 @@ def intervals(moments: Complexes) -> Intervals:
     """
     drawn = _drawn(moments)
     bound = least_bound(drawn)
-    reflection, first = _reflections(drawn, bound)
-    spread = np.maximum(1.0 - np.abs(reflection[0]) ** 2, 0.0)
-    poles, zeros = _polynomials(_on_circle(reflection), first)
+    reflection, left, first = _reflections(drawn, bound)
+    poles, zeros = _polynomials(_on_circle(reflection, left <= ENDING), first)
     start, stop = (np.sort(np.angle(_roots(each)) / (2.0 * np.pi) % 1.0, axis=0) for each in (poles, zeros))
-    return Intervals(bound, start, _lengths(start, stop, 1.0 / bound), spread)
+    return Intervals(bound, start, _lengths(start, stop, 1.0 / bound), np.maximum(left[0], 0.0))
 
 
 def one_slab(moments: Complexes) -> tuple[Reals, Reals, Reals]:
@@ -163,8 +165,11 @@ def _drawn(moments: Complexes) -> Complexes:
     return result
 
 
-def _reflections(moments: Complexes, bound: Reals) -> tuple[Complexes, Complexes]:
-    """Reflection coefficients γ, shape (K, n), of −i·exp(iπF/L), and its value at 0."""
+def _reflections(moments: Complexes, bound: Reals) -> tuple[Complexes, Reals, Complexes]:
+    """Reflection coefficients γ of −i·exp(iπF/L), what is left after each, Π(1 − |γ|²), and the value at 0.
+
+    From where nothing is left, or less, γ is 0.
+    """
     count = len(moments) - 1
     slope = (2j * np.pi * np.arange(count + 1)[:, None] / bound) * moments
     taylor = np.empty_like(slope)
@@ -173,31 +178,36 @@ def _reflections(moments: Complexes, bound: Reals) -> tuple[Complexes, Complexes
         taylor[k] = np.sum(slope[1:k + 1] * taylor[k - 1::-1] if k > 1 else slope[1:2] * taylor[:1], axis=0) / k
     above, below = taylor[1:], taylor[:-1].copy()
     below[0] = 2.0 * taylor[0].real
-    reflection = np.empty_like(above)
+    reflection, left = np.zeros_like(above), np.ones(above.shape)
     for k in range(count):
-        gamma = above[0] / below[0]
-        reflection[k] = gamma
+        live = left[k - 1 if k else 0] > ENDING
+        gamma: Complexes = np.divide(above[0], below[0], out=reflection[k], where=live)
+        left[k:] *= 1.0 - (gamma.real**2 + gamma.imag**2)
         above, below = above[1:] - gamma * below[1:], below[:-1] - np.conj(gamma) * above[:-1]
-    return reflection, taylor[0]
+    return reflection, left, taylor[0]
 
 
 def _feasible(moments: Complexes, bound: Reals) -> Mask:
-    """Whether some extinction between 0 and the bound has the coefficients."""
-    reflection, _ = _reflections(moments, bound)
-    return np.asarray(np.all(reflection.real**2 + reflection.imag**2 < 1.0, axis=0))
+    """Whether some extinction between 0 and the bound has the coefficients, as far as they are not explained."""
+    _, left, _ = _reflections(moments, bound)
+    feasible, going = np.ones(left.shape[1], bool), np.ones(left.shape[1], bool)
+    for each in left:
+        feasible &= ~going | (each > 0.0)
+        going &= each > ENDING
+    return feasible
 
 
-def _on_circle(reflection: Complexes) -> Complexes:
-    """The coefficients up to the first of size 1, made so exactly.
+def _on_circle(reflection: Complexes, ends: Mask) -> Complexes:
+    """The coefficients up to the end, of which the last is made 1 in size.
 
     Any beyond it of size 1 add a pole and a zero in one place each: an interval, or a gap, of no length.
     """
     result, ended = reflection.copy(), np.zeros(reflection.shape[1], bool)
     for k in range(len(reflection)):
         size = np.abs(reflection[k])
-        last = (size > 1.0 - UNIT) | (k == len(reflection) - 1)
+        last = ends[k] | (k == len(reflection) - 1)
         unit = np.where(size > 0.0, reflection[k] / np.where(size > 0.0, size, 1.0), 1.0)
-        result[k] = np.where(ended, ASIDE ** (k + 1), np.where(last, unit, reflection[k]))
+        result[k] = np.where(ended, ASIDE ** (k + 1) ** 2, np.where(last, unit, reflection[k]))
         ended |= last
     return result
 
@@ -229,7 +239,10 @@ def _roots(polynomial: Complexes) -> Complexes:
             apart = z - other
             push += np.divide(1.0, apart, out=np.zeros_like(z), where=apart != 0.0)
         divisor = 1.0 - newton * push
-        z = z - np.divide(newton, divisor, out=np.zeros_like(z), where=divisor != 0.0)
+        step = np.divide(newton, divisor, out=np.zeros_like(z), where=divisor != 0.0)
+        z = z - step
+        if np.abs(step).max(initial=0.0) < SETTLED:
+            break
     return z
 
 

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["basis", "least_energy", "negative_arcs"]
+__all__ = ["basis", "least_energy", "lowest", "negative_arcs"]
 
 Reals: TypeAlias = NDArray[np.float64]
 Integers: TypeAlias = NDArray[np.integer[Any]]
@@ -20,7 +20,7 @@ NODES = 16  # of the quadrature, for each of K + 1 frequencies
 STEPS = 16  # of Newton's method at most; a few are enough where the series is hardly negative
 DAMPING = 0.05  # of a step, times the residual: 0.01 to 0.1 end within a tenth of each other
 CLOSE = 3e-5  # residual at which steps end, per unit of optical depth: below what 8 bits of transmittance show
-ROOT_STEPS = 8  # of Newton's method in a bracket
+ROOT_STEPS = 40  # of Newton's method in a bracket at most; most roots take five, those of shallow dips twenty
 ROWS = 64  # of a matrix product at a time
 NOWHERE = 2.0  # where arcs lie that do not exist
 
@@ -114,6 +114,31 @@ def product(rows: Reals, matrix: Reals) -> Reals:
 # --- where a sum is negative ------------------------------------------------------------------------
 
 
+def lowest(sums: Reals) -> Reals:
+    """The least values of trigonometric sums.
+
+    Parameters
+    ----------
+    sums : ndarray of float64, shape (n, 2 K + 1) [1]
+        In the order of `basis`.
+
+    Returns
+    -------
+    ndarray, shape (n,) [1]
+        At the nodes, and between them where a sum is negative there alone.
+
+    Examples
+    --------
+    >>> float(lowest(np.array([[0.999, np.cos(0.1), np.sin(0.1)]]))[0].round(12))
+    -0.001
+    """
+    values, slopes = _at_nodes(sums)
+    result = values.min(axis=1)
+    texel, _, _, value = _bottoms(sums, values, slopes)
+    np.minimum.at(result, texel, value)
+    return np.asarray(result)
+
+
 def negative_arcs(sums: Reals) -> tuple[Reals, Reals]:
     """Where trigonometric sums are below 0.
 
@@ -138,35 +163,39 @@ def negative_arcs(sums: Reals) -> tuple[Reals, Reals]:
     >>> start[:, 0].round(6).tolist(), stop[:, 0].round(6).tolist()
     ([0.333333, 2.0], [0.666667, 2.0])
     """
-    harmonics = sums.shape[1] // 2
-    places = nodes(harmonics)
-    cell = places[1]
-    values, slopes = _at_nodes(sums, harmonics)
-    values = values + 1e-13 * np.abs(sums).sum(axis=1)[:, None]
+    slack = 1e-13 * np.abs(sums).sum(axis=1)
+    values, slopes = _at_nodes(sums)
+    cell = 1.0 / values.shape[1]
+    values = values + slack[:, None]
     below = values < 0.0
     after = np.roll(below, -1, axis=1)
-    ends = [_crossing(sums, texel, cell * index, cell * (index + 1), False)
-            for texel, index in (np.nonzero(~below & after), np.nonzero(below & ~after))]
-    starts, stops = [ends[0]], [ends[1]]
-    # A sum is convex about a minimum: it dips below 0 between two nodes only if both tangents do.
-    dips = ~below & ~after & (values + cell * slopes < 0.0) & np.roll(values - cell * slopes < 0.0, -1, axis=1)
-    texel: Integers
-    index: Integers
-    texel, index = np.nonzero(dips)
-    if texel.size:
-        texel, bottom = _crossing(sums, texel, cell * index, cell * (index + 1), True)
-        deep = _value(sums[texel], bottom, False)[0] < -1e-13 * np.abs(sums[texel]).sum(axis=1)
-        texel, bottom, index = texel[deep], bottom[deep], index[deep]
-        starts.append(_crossing(sums, texel, cell * index, bottom, False))
-        stops.append(_crossing(sums, texel, bottom, cell * (index + 1), False))
+    starts, stops = ([_crossing(sums, texel, cell * index, cell * (index + 1))]
+                     for texel, index in (np.nonzero(~below & after), np.nonzero(below & ~after)))
+    texel, index, bottom, value = _bottoms(sums, values, slopes)
+    deep = value < -slack[texel]
+    texel, index, bottom = texel[deep], index[deep], bottom[deep]
+    starts.append(_crossing(sums, texel, cell * index, bottom))
+    stops.append(_crossing(sums, texel, bottom, cell * (index + 1)))
     across = np.flatnonzero(below[:, 0])
     starts.append((across, np.zeros(across.size)))
     stops.append((across, np.ones(across.size)))
     return _in_rows(starts, sums.shape), _in_rows(stops, sums.shape)
 
 
-def _at_nodes(sums: Reals, harmonics: int) -> tuple[Reals, Reals]:
+def _bottoms(sums: Reals, values: Reals, slopes: Reals) -> tuple[Integers, Integers, Reals, Reals]:
+    """Minima between two nodes where a sum is not negative but may be in between: texels, cells, places, values."""
+    cell = 1.0 / values.shape[1]
+    later, rise = np.roll(values, -1, axis=1), np.roll(slopes, -1, axis=1)
+    # Twice as far as the steeper slope takes it: a cell is a sixteenth of the shortest wave, or less.
+    near = np.minimum(values, later) < 2.0 * cell * np.maximum(-slopes, rise)
+    texel, index = np.nonzero((values >= 0.0) & (later >= 0.0) & (slopes < 0.0) & (rise > 0.0) & near)
+    _, bottom = _crossing(sums, texel, cell * index, cell * (index + 1), True)
+    return texel, index, bottom, _value(sums[texel], bottom, False)[0]
+
+
+def _at_nodes(sums: Reals) -> tuple[Reals, Reals]:
     """Values and slopes at the nodes, shape (n, nodes) each."""
+    harmonics = sums.shape[1] // 2
     functions = basis(nodes(harmonics), harmonics)
     k = 2.0 * np.pi * np.arange(1, harmonics + 1)[:, None]
     cosines, sines = functions[1:harmonics + 1], functions[harmonics + 1:]
@@ -189,7 +218,8 @@ def _value(sums: Reals, x: Reals, derived: bool) -> tuple[Reals, Reals]:
     return value, slope
 
 
-def _crossing(sums: Reals, texel: Integers, low: Reals, high: Reals, derived: bool) -> tuple[Integers, Reals]:
+def _crossing(sums: Reals, texel: Integers, low: Reals, high: Reals, derived: bool = False
+              ) -> tuple[Integers, Reals]:
     """Where sums, or their slopes, change sign between two points: texels and places."""
     chosen = sums[texel]
     falls = _value(chosen, low, derived)[0] >= 0.0
@@ -199,7 +229,11 @@ def _crossing(sums: Reals, texel: Integers, low: Reals, high: Reals, derived: bo
         before = (value >= 0.0) == falls
         low, high = np.where(before, x, low), np.where(before, high, x)
         newton = x - np.divide(value, slope, out=np.full_like(x, np.inf), where=slope != 0.0)
-        x = np.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
+        newton = np.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
+        settled = np.abs(newton - x).max(initial=0.0) < 1e-15
+        x = newton
+        if settled:
+            break
     return texel, x
 
 

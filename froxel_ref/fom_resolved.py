@@ -2,7 +2,7 @@
 
 The series of a few coefficients falls below 0, and what passes rises where it does. Here what is stored, and how it
 is gathered, stays as it is (`froxel_ref.fom`); a pass over the texels then finds for each an extinction that is
-nowhere negative and has its coefficients, and lookups in that cost about three times those in the series.
+nowhere negative and has its coefficients, and lookups in that cost half as much again as those in the series.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from froxel_ref import fom
 from froxel_ref.arrays import Field
 from froxel_ref.blocks import run
 from froxel_ref.fom_intervals import HIGHEST, Intervals, intervals, least_bound, one_slab
-from froxel_ref.fom_nonnegative import NOWHERE, basis, least_energy, negative_arcs, nodes, product
+from froxel_ref.fom_nonnegative import NOWHERE, least_energy, lowest, negative_arcs
 from froxel_ref.records import InputError
 
 __all__ = ["resolve", "resolved_depth", "resolved_transmittance"]
@@ -116,7 +116,7 @@ def _resolved(coefficients: Reals, rounding: float) -> Reals:
     moments[0] = total > 0.0
     moments /= np.maximum(np.abs(moments), 1.0)
     series = np.concatenate([moments[:1].real, 2.0 * moments[1:].real, -2.0 * moments[1:].imag])
-    dip = -product(series.T, basis(nodes(count - 1), count - 1)).min(axis=1)
+    dip = -lowest(np.ascontiguousarray(series.T))
     negative = np.flatnonzero(dip > ROUNDING)
     if negative.size:
         share, steps[:, negative] = _stepped(moments[:, negative], dip[negative], total[negative], rounding)
@@ -257,8 +257,10 @@ def resolved_transmittance(resolved: Field, depth: Field) -> Array:
 
     Notes
     -----
-    exp(−optical depth). The mean error over the depth, against that of the series cut at 1 (K = 3), is below 0.02 of
-    it for a thin layer or a slab up to 0.8 of the ray, and 0.9 to 0.01 of it for smooth bumps.
+    exp(−optical depth). The mean error over the depth, against that of the series cut at 1 (K = 3): a tenth at most,
+    mostly below a hundredth, for a thin layer or a slab up to 0.8 of the ray; a hundredth to all of it for smooth
+    media, 0.04 on average for single bumps. One bump in a hundred has more, up to 2.8 times: its foot touches an end,
+    and the series happens to be good there.
 
     Examples
     --------

@@ -113,10 +113,21 @@ def test_nothing_overshoots_and_the_ends_are_exact(parts: list, harmonics: int, 
     assert np.isfinite(tau).all()
     assert tau[0] >= 0.0
     assert tau[-1] == dtype(made[0, 0, 0] / 2)
-    assert np.diff(tau).min() >= -200 * eps * max(float(tau[-1]), 1e-30)
+    # A sum's coefficients are up to some 400 times the whole. Measured: 170 roundings in float32, 50 in float64.
+    assert np.diff(tau).min() >= -400 * eps * max(float(tau[-1]), 1e-30)
     passed = resolved_transmittance(found, np.linspace(0, 1, 777).astype(dtype)[:, None])
     assert passed.max() <= 1.0
     assert passed.min() >= 0.0
+
+
+@pytest.mark.parametrize("harmonics", [1, 2, 3, 5])
+def test_nothing_falls_in_thousands_of_rays(harmonics: int) -> None:
+    """Some of whose series are negative between two nodes of the quadrature alone."""
+    rng = np.random.default_rng(harmonics)
+    start, stop = np.sort(rng.random((2, 5, 3000)), axis=0)
+    made = segment_coefficients(start, stop, rng.uniform(0, 8, (5, 3000)), harmonics=harmonics)
+    tau = resolved_depth(resolve(made)[:, None], np.linspace(0, 1, 701)[:, None])
+    assert (np.diff(tau, axis=0).min(axis=0) >= -400 * 2.3e-16 * tau[-1]).all()
 
 
 def test_the_tests_would_fail_on_the_series() -> None:
@@ -261,3 +272,28 @@ def test_long_slabs_are_not_told_and_not_worse(length: float, tau: float) -> Non
     """Beyond some 0.82 of the ray the series of a slab is nowhere negative: it is a medium by itself."""
     series, resolved = errors(ray(0.5 - 0.5 * length, 0.5 + 0.5 * length, tau))
     assert resolved <= 1.2 * series + 1e-12
+
+
+def test_bumps_of_any_width_anywhere() -> None:
+    """Means over places are a fortieth to a tenth of the series'; where that is lucky, it may be the better one.
+
+    Measured: 3 of 315 are above 1.2 times the series, the largest 2.8 times, where a bump's foot touches the end of
+    the ray: it bleeds to the beginning, and dims all of it at an optical depth of 20.
+    """
+    edges = np.linspace(0, 1, 2001)
+    x = 0.5 * (edges[1:] + edges[:-1])
+    width = np.repeat(np.geomspace(0.01, 0.16, 15), 7)
+    place = np.concatenate([np.linspace(3 * w, 1 - 3 * w, 7) for w in width[::7]])
+    density = np.exp(-0.5 * ((x[:, None] - place) / width) ** 2)
+    density /= density.sum(axis=0)
+    made = segment_coefficients(edges[:-1, None], edges[1:, None], density)
+    want = np.cumsum(density, axis=0)
+    shares = []
+    for tau in TAUS:
+        truth = np.exp(-tau * want)
+        series = np.abs(transmittance(tau * made, edges[1:, None]) - truth).mean(axis=0)
+        found = np.abs(resolved_transmittance(resolve(tau * made)[:, None], edges[1:, None]) - truth).mean(axis=0)
+        assert found.mean() < 0.1 * series.mean()
+        shares.append(found / np.maximum(series, 1e-5))
+    assert (np.array(shares) > 1.2).mean() < 0.02
+    assert np.array(shares).max() < 3.5
