@@ -30,7 +30,7 @@ THIN = 0.05, 0.1  # length of the intervals in all: up to the first they are bel
 SINGLE = 1e-3, 2e-3  # their spread, likewise: a slab is told by fewer numbers than there are
 DIP = 0.03  # how far the series falls below 0, of its mean, for intervals to be believed fully
 ROUNDING = 1e-13  # how far it may fall for being the extinction itself
-LEAST_ROUNDING = 1e-9  # for a slab to be told by
+LEAST_ROUNDING = 1e-9  # for a slab to be told by; what has no more counts as exact
 ENDS = 1e-6  # how near to 0 or 1 a thin layer counts as being at both
 
 
@@ -42,7 +42,7 @@ def resolve(coefficients: Field, *, rounding: float = 0.0, threads: int | None =
     coefficients : ndarray, shape (2, K + 1, …) [1]
         From `fom.sample_coefficients`, `fom.segment_coefficients`, or sums of such. b_0 is not read.
     rounding : float [1]
-        Of the coefficients, relative, if it is more than that of their arithmetic: 2⁻¹² where they were stored as
+        Of the coefficients, relative, if it is more than that of their type: 2⁻¹² where they were stored as
         float16.
     threads : int, optional
         Default: one for each core. The result does not depend on it.
@@ -75,7 +75,7 @@ def resolve(coefficients: Field, *, rounding: float = 0.0, threads: int | None =
     Rounded coefficients may be those of a few thin layers alone, though what they were of is smooth. So how thin the
     intervals are is told with the coefficients drawn to those of a uniform extinction by four times their rounding;
     a slab that has them but for sixteen roundings is believed; and an interval that reaches beyond an end by no more
-    than eight ends there.
+    than eight, or eight over its length up to a tenth of that, ends there.
 
     Examples
     --------
@@ -87,6 +87,7 @@ def resolve(coefficients: Field, *, rounding: float = 0.0, threads: int | None =
         raise InputError("coefficients", f"has shape {coefficients.shape}, must be (2, K + 1, …)")
     if not np.isfinite(coefficients).all():
         raise InputError("coefficients", "has values that are not finite, must be finite")
+    rounding = max(rounding, 0.5 * float(np.finfo(coefficients.dtype).eps))
     count, texels = coefficients.shape[1], coefficients.shape[2:]
     flat = np.asarray(coefficients, np.float64).reshape(2, count, -1)
     out = np.zeros((7 * count, flat.shape[2]), np.promote_types(coefficients.dtype, np.float32))
@@ -136,11 +137,11 @@ def _stepped(moments: NDArray[np.complex128], dip: Reals, total: Reals, rounding
     """The share w of the intervals, and their extinction, starts and lengths, shape (2 K + 1, n)."""
     found = intervals(moments)
     bound, single = found.bound, _falling(found.spread, SINGLE)
-    if rounding > 0.0:
+    if rounding > LEAST_ROUNDING:
         drawn = (1.0 - 4.0 * rounding) * moments
         drawn[0] = moments[0]
         bound = np.minimum(bound, least_bound(drawn))
-    # Always, for from some seven harmonics on the reflection coefficients of a slab lose their digits.
+    # Always, for of very many harmonics the reflection coefficients of a slab lose their digits.
     found, single = _one_slab(moments, found, single, max(rounding, LEAST_ROUNDING))
     share = np.maximum(_falling(1.0 / bound, THIN), single)
     share *= np.minimum(dip / DIP, 1.0)
@@ -149,7 +150,8 @@ def _stepped(moments: NDArray[np.complex128], dip: Reals, total: Reals, rounding
     thin = over & (found.length < 2.0 / HIGHEST)
     late = found.start + 0.5 * found.length < 1.0 - ENDS
     start = np.where(thin, np.where(late, 1.0 - found.length, 0.0), found.start)
-    slack = max(8.0 * rounding, ENDS)
+    doubt = np.minimum(8.0 * rounding / np.maximum(found.length, 1.0 / HIGHEST), 0.1 * found.length)
+    slack = np.maximum(doubt, max(8.0 * rounding, ENDS))
     start = np.where(over & (found.start + found.length < 1.0 + slack), 1.0 - found.length, start)
     start = np.where(over & (found.start > 1.0 - slack), 0.0, start)
     return share, np.concatenate([[share * total * found.bound], start, found.length])
