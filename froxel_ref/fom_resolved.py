@@ -7,6 +7,7 @@ nowhere negative and has its coefficients, and lookups in that cost half as much
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -19,7 +20,7 @@ from froxel_ref.fom_intervals import HIGHEST, Intervals, intervals, least_bound,
 from froxel_ref.fom_nonnegative import NOWHERE, least_energy, lowest, negative_arcs
 from froxel_ref.records import InputError
 
-__all__ = ["resolve", "resolved_depth", "resolved_transmittance"]
+__all__ = ["ROUNDINGS", "resolve", "resolved_depth", "resolved_transmittance"]
 
 Array: TypeAlias = NDArray[np.floating[Any]]
 Reals: TypeAlias = NDArray[np.float64]
@@ -32,6 +33,11 @@ DIP = 0.03  # how far the series falls below 0, of its mean, for intervals to be
 ROUNDING = 1e-13  # how far it may fall for being the extinction itself
 LEAST_ROUNDING = 1e-9  # for a slab to be told by; what has no more counts as exact
 ENDS = 1e-6  # how near to 0 or 1 a thin layer counts as being at both
+
+
+ROUNDINGS: Mapping[str | None, float] = {"float16": 2.0**-12}
+"""By storage, the rounding that `resolve` is to be given where it is more than that of the coefficients' type: half of
+float16's largest, which the margins above are multiples of."""
 
 
 def resolve(coefficients: Field, *, rounding: float = 0.0, threads: int | None = None) -> Array:

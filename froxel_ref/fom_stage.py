@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from froxel_ref import storage
 from froxel_ref.arrays import Field, Points, Sight, Visibility
 from froxel_ref.assets import Assets
 from froxel_ref.billboard_shadows import points_transmittance
@@ -23,12 +22,13 @@ from froxel_ref.fom_plan import (
     is_octahedral,
     map_border,
 )
-from froxel_ref.fom_resolved import resolve
+from froxel_ref.fom_resolved import ROUNDINGS, resolve
 from froxel_ref.fom_views import CASCADE_REACH, lamp_reach
 from froxel_ref.jobs import Same
 from froxel_ref.light_paths import light_transmittance
 from froxel_ref.scene import DirectionalLight, Medium, NoiseDensity, PointLight, Scene
 from froxel_ref.settings import Settings
+from froxel_ref.storage import store_series
 
 __all__ = ["LAMPS", "SUNS", "empty_maps", "exact_sights", "map_keys", "map_sights", "opacity_maps"]
 
@@ -92,7 +92,7 @@ def opacity_maps(scene: Scene, settings: Settings, assets: Assets, *, dtype: DTy
         if stored in known:
             continue
         if settings.opacity_maps.storage == "float16":
-            results[stored] = storage.store(results[stored], "float16")
+            results[stored] = store_series(results[stored], "float16", axis=-3)
         results[resolved] = _resolved(results[stored], settings, dtype, threads)
     for array in results.values():
         array.flags.writeable = False  # they may be handed on to the next frame
@@ -106,7 +106,7 @@ def _resolved(coefficients: Field, settings: Settings, dtype: DTypeLike, threads
     if settings.opacity_maps.reconstruction != "resolved":
         return np.zeros((*faces, channels, 0, 0), dtype)
     made = np.empty((*faces, channels, rows, columns), dtype)
-    rounding = 2.0**-12 if settings.opacity_maps.storage == "float16" else 0.0
+    rounding = ROUNDINGS.get(settings.opacity_maps.storage, 0.0)
     for face in np.ndindex(faces) if made.size else ():
         made[face] = resolve(pairs_of(coefficients[face]), rounding=rounding, threads=threads)
     return made

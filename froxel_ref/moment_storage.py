@@ -33,14 +33,13 @@ from numpy.typing import NDArray
 
 from froxel_ref.arrays import Field
 from froxel_ref.records import InputError, shown, suggest
-from froxel_ref.storage import store
+from froxel_ref.storage import store, store_series
 
 __all__ = ["BIASES", "STORAGES", "TRIGONOMETRIC_WEIGHTS", "Bias", "normalised_moments", "stored_moments"]
 
 Array: TypeAlias = NDArray[np.floating[Any]]
 
 STORAGES = ("float32", "float16", "unorm16")
-FLOAT16_LARGEST = 65504.0
 
 
 class Bias(NamedTuple):
@@ -142,7 +141,7 @@ def stored_moments(moments: Field, storage: str | None, *, power: bool = True) -
     if storage == "float32":
         return store(moments, storage)
     if storage == "float16":
-        return store(moments * np.minimum(1.0, FLOAT16_LARGEST / np.maximum(moments[0], 1.0)), storage)
+        return store_series(moments, storage)
     shares = _shares(moments)
     codes = (_mixed(shares, _mixing(len(shares)), 0.5, _even_offset(len(shares))) if power
              else 0.5 * shares + 0.5)

@@ -34,6 +34,7 @@ from froxel_ref.records import InputError, shown, suggest
 
 __all__ = [
     "FORMATS", "ROUNDINGS", "decode_r11g11b10f", "decode_unorm", "encode_r11g11b10f", "encode_unorm", "store",
+    "store_series",
 ]
 
 FORMATS = ("float32", "float16", "r11g11b10f", "unorm8", "unorm16")
@@ -111,6 +112,51 @@ def store(array: Field, format: str, *, rounding: str = "nearest") -> Field:
     if format in FLOATS:
         return _round(np.asarray(array), FLOATS[format], rounding)
     return decode_unorm(encode_unorm(array, bits=int(format.removeprefix("unorm"))), dtype=array.dtype)
+
+
+def store_series(series: Field, format: str | None, *, axis: int = 0) -> Field:
+    """The coefficients of series as a texture gives them back; those too large for it keep their shape.
+
+    Parameters
+    ----------
+    series : ndarray of float32 or float64
+        One series along an axis.
+    format : {"float32", "float16"} or None
+        None: as they are.
+    axis : int
+        The coefficients' axis.
+
+    Returns
+    -------
+    ndarray
+        Same shape and type, finite if the series is.
+
+    Raises
+    ------
+    InputError
+        As for `store`; a format without a sign.
+
+    Notes
+    -----
+    If a coefficient is beyond the format's largest number, its series is scaled down as a whole, where a texture
+    would hold infinities, and a sum of them NaN. Of a series of extinction, whose a_0 is largest, an optical depth
+    of 32752 is left in float16: light still ends within 1/2000 of the range where it ended at once.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> print(store_series(np.array([[2.0, 1e6], [1.0, -5e5]]), "float16"))
+    [[ 2.0000e+00  6.5504e+04]
+     [ 1.0000e+00 -3.2752e+04]]
+    """
+    if format is None:
+        return series
+    if format not in FORMATS or not (format in FLOATS and FLOATS[format].signed):
+        signed = [name for name in FORMATS if name in FLOATS and FLOATS[name].signed]
+        raise InputError("format", f"is {shown(format)}; {suggest(str(format), signed)}")
+    largest = FLOATS[format].maximum
+    scale = np.minimum(1.0, largest / np.maximum(np.max(np.abs(series), axis=axis, keepdims=True), 1.0))
+    return store(series * scale.astype(series.dtype), format)
 
 
 def encode_r11g11b10f(array: Field, *, rounding: str = "nearest") -> NDArray[np.uint32]:

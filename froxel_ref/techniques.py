@@ -15,14 +15,14 @@ from froxel_ref.absorbers import Absorbers
 from froxel_ref.arrays import Field
 from froxel_ref.moment_storage import STORAGES, stored_moments
 from froxel_ref.records import InputError, shown, suggest
-from froxel_ref.storage import FORMATS, store
+from froxel_ref.storage import FLOATS, FORMATS, store, store_series
 
 __all__ = ["KINDS", "Technique", "stored_bytes", "technique"]
 
 Decode = Callable[[Field, Field], Field]
 
 BYTES = {None: 4, "float32": 4, "float16": 2, "unorm16": 2, "unorm8": 1}
-FLOAT16_LARGEST = 65504.0
+SERIES = ("float32", "float16")  # formats with a sign
 
 
 class Technique(NamedTuple):
@@ -122,7 +122,10 @@ def _slices(*, slices: int = 32, sampling: str = "mean", holds: str = "transmitt
 
     def encode(absorbers: Absorbers) -> Field:
         depths = opacity_slices.slice_depths(absorbers, slices=slices, sampling=sampling)
-        return _stored(opacity_slices.opacity_slices(depths, holds=holds), storage)
+        held = opacity_slices.opacity_slices(depths, holds=holds)
+        if storage in FLOATS:  # beyond its largest number nothing passes either
+            held = np.minimum(held, held.dtype.type(FLOATS[storage].maximum))
+        return held if storage is None else store(held, storage)
 
     def decode(encoded: Field, depth: Field) -> Field:
         return opacity_slices.transmittance(encoded, depth, holds=holds)
@@ -134,23 +137,23 @@ def _slices(*, slices: int = 32, sampling: str = "mean", holds: str = "transmitt
 
 
 def _cosine(*, count: int = 8, storage: str | None = None) -> Technique:
-    _check(storage, FORMATS)
+    _check(storage, SERIES)
     return Technique(
         _name("ETM", count, storage), "Extinction as a series of cosines [Gautron 2011].", count,
-        lambda absorbers: _stored(cosine_maps.cosine_coefficients(absorbers, count=count), storage),
+        lambda absorbers: store_series(cosine_maps.cosine_coefficients(absorbers, count=count), storage),
         cosine_maps.transmittance, count * BYTES[storage],
         lambda encoded, depth: cosine_maps.transmittance(encoded, depth, clamp=False))
 
 
 def _fourier(*, harmonics: int = 3, lanczos: bool = False, storage: str | None = None) -> Technique:
-    _check(storage, FORMATS)
+    _check(storage, SERIES)
     numbers = 2 * (harmonics + 1)
 
     def encode(absorbers: Absorbers) -> Field:
         start, stop, tau, rise = absorbers
         pairs = fom.segment_coefficients(start, stop, tau, rise=rise, harmonics=harmonics)
         whole = pairs.reshape(numbers, *pairs.shape[2:]).astype(np.result_type(*absorbers))
-        return _stored(whole, storage)
+        return store_series(whole, storage)
 
     def decode(encoded: Field, depth: Field, *, clamp: bool = True) -> Field:
         pairs = encoded.reshape(2, harmonics + 1, *encoded.shape[1:])
@@ -167,7 +170,7 @@ def _resolved(*, harmonics: int = 3, storage: str | None = None) -> Technique:
 
     def decode(encoded: Field, depth: Field) -> Field:
         pairs = encoded.reshape(2, harmonics + 1, *encoded.shape[1:])
-        found = fom_resolved.resolve(pairs, rounding=2.0**-12 if storage == "float16" else 0.0)
+        found = fom_resolved.resolve(pairs, rounding=fom_resolved.ROUNDINGS.get(storage, 0.0))
         passed = fom_resolved.resolved_transmittance(found, depth)
         return passed.astype(np.result_type(encoded, depth), copy=False)
 
@@ -227,10 +230,3 @@ def _check(storage: str | None, known: tuple[str, ...]) -> None:
     possible = [name for name in known if name in BYTES]
     if storage is not None and storage not in possible:
         raise InputError("storage", f"is {shown(storage)}; {suggest(str(storage), possible)}")
-
-
-def _stored(encoded: Field, storage: str | None) -> Field:
-    """Rounded for storage; what float16 cannot hold is cut to its largest number."""
-    if storage is None:
-        return encoded
-    return store(np.clip(encoded, -FLOAT16_LARGEST, FLOAT16_LARGEST) if storage == "float16" else encoded, storage)

@@ -21,6 +21,7 @@ from froxel_ref.storage import (
     encode_r11g11b10f,
     encode_unorm,
     store,
+    store_series,
 )
 
 TYPES = (np.float32, np.float64)
@@ -278,6 +279,26 @@ def test_every_unorm_code_is_kept(bits: int, dtype: Any) -> None:
 # --- faults -----------------------------------------------------------------------------------------
 
 
+# --- series -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dtype", TYPES)
+def test_series_too_large_keep_their_shape(dtype: Any) -> None:
+    shape = np.array([1.0, -0.5, 0.25, 0.0], dtype)[:, np.newaxis]
+    sizes = np.array([1e-3, 7.0, 65504.0, 65505.0, 1e9, 1e30], dtype)
+    got = store_series(shape * sizes, "float16")
+    assert got.dtype == dtype
+    assert same(got[:, :3], store((shape * sizes)[:, :3], "float16"))  # what fits is stored as ever
+    assert same(got[:, 3:], np.broadcast_to(65504.0 * shape, (4, 3)).astype(dtype))
+    assert same(store_series((shape * sizes).T.copy(), "float16", axis=1), got.T.copy())
+    assert store_series(shape, None) is shape
+
+
+def test_the_largest_of_a_series_may_be_negative_and_any() -> None:
+    got = store_series(np.array([65504.0, -1310080.0]), "float16")
+    assert got.tolist() == [3276.0, -65504.0]  # 65504/20 = 3275.2, whose neighbours are 2 apart
+
+
 ONE = np.ones(3)
 
 
@@ -289,6 +310,7 @@ ONE = np.ones(3)
     (lambda: store(np.ones(3, ">f8"), "float16"), "array: has type >f8, must be float32 or float64"),
     (lambda: store(np.ones((4, 2)), "r11g11b10f"),
      "array: has shape (4, 2), must be (3, …) for r11g11b10f"),
+    (lambda: store_series(ONE, "unorm8"), "format: is 'unorm8'; known: float16, float32"),
     (lambda: encode_unorm(ONE, bits=10), "bits: is 10, must be 8 or 16"),
     (lambda: decode_unorm(np.zeros(1, np.uint32)), "codes: has type uint32, must be uint8 or uint16"),
 ])

@@ -53,7 +53,8 @@ def test_one_signature(kind, options):
 
 
 @EACH
-@pytest.mark.parametrize("tau", [0.0, 1e8])
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("tau", [0.0, 1e6, 1e8])
 def test_nothing_and_everything(kind, options, tau):
     way = technique(kind, **options)
     encoded = way.encode(as_points(np.full((1, 2), 0.5), np.full((1, 2), tau)))
@@ -115,5 +116,7 @@ def test_bad_input_is_named():
         technique("furier")
     with pytest.raises(InputError, match="storage: is 'unorm8'"):
         technique("power", storage="unorm8")
+    with pytest.raises(InputError, match="storage: is 'unorm8'"):  # a series has a sign
+        technique("fourier", storage="unorm8")
     with pytest.raises(InputError, match="storage: is 'r11g11b10f'"):
         technique("fourier", storage="r11g11b10f")
