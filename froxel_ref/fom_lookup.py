@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -14,7 +15,7 @@ from froxel_ref.fom_resolved import resolve, resolved_depth
 from froxel_ref.shadow_lookup import octahedral_square
 from froxel_ref.shadow_views import CASCADE_EDGE
 
-__all__ = ["OpacityMap", "both_sights", "cascade_sight", "lamp_sight", "pairs_of", "planes_of"]
+__all__ = ["OpacityMap", "cascade_sight", "lamp_sight", "pairs_of", "planes_of"]
 
 Integers: TypeAlias = NDArray[np.intp]
 Matrix: TypeAlias = NDArray[np.float64]
@@ -41,13 +42,6 @@ class OpacityMap(NamedTuple):
         From `froxel_ref.fom_resolved.resolve`, for the reconstruction of that name; made here unless given.
     """
 
-    @property
-    def without_ringing(self) -> Field:
-        """The coefficients resolved."""
-        if self.resolved is not None:
-            return self.resolved
-        return np.stack([resolve(pairs_of(planes)) for planes in self.coefficients])
-
     kind: str
     coefficients: Field
     near: Field
@@ -55,6 +49,13 @@ class OpacityMap(NamedTuple):
     matrix: Matrix
     gutter: int = 0
     resolved: Field | None = None
+
+    @property
+    def without_ringing(self) -> Field:
+        """The coefficients resolved."""
+        if self.resolved is not None:
+            return self.resolved
+        return np.stack([resolve(pairs_of(planes)) for planes in self.coefficients])
 
 
 def planes_of(coefficients: Field) -> Field:
@@ -95,33 +96,6 @@ def pairs_of(planes: Field) -> Field:
     [[1.0, 2.0], [3.0, 4.0]]
     """
     return planes.reshape(-1, 2, *planes.shape[1:]).swapaxes(0, 1)
-
-
-def both_sights(hidden: Sight, dimmed: Sight, *, smaller: bool = False) -> Sight:
-    """What surfaces and media together let through.
-
-    Parameters
-    ----------
-    hidden, dimmed : callable
-        By surfaces, and by media.
-    smaller : bool
-        Take the smaller of the two, as the thesis's program does for the sun (D16), not their product.
-
-    Returns
-    -------
-    callable
-
-    Examples
-    --------
-    >>> half = lambda points, normal=None: np.full(1, 0.5)
-    >>> [float(both_sights(half, half, smaller=s)((np.zeros(1),) * 3)[0]) for s in (False, True)]
-    [0.25, 0.5]
-    """
-    def see(points: Points, normal: Points | None = None) -> Field:
-        one, other = hidden(points, normal), dimmed(points, normal)
-        return np.asarray(np.minimum(one, other) if smaller else one * other)
-
-    return see
 
 
 class Corners(NamedTuple):
@@ -223,18 +197,21 @@ def lamp_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", octa
         return _clear
     if resolved:
         planes = opacity_map.without_ringing[0]
+    origin = _origin(opacity_map.matrix[0])
     if alike:  # nothing varies with direction
         few = planes[:2] if not (resolved or planes[2:].any()) else planes
         return lambda points, normal=None: _passed(decode(
             few[:, 0, 0].reshape(-1, *(1,) * points[0].ndim),
-            _share(_away(opacity_map, points)[1], np.asarray(near), np.asarray(far))))
-    locate = _on_octahedron if opacity_map.kind == "octahedral" else _on_plane
+            _share(_away(origin, points)[1], np.asarray(near), np.asarray(far))))
     sign = 1.0 if octahedron == "from_light" else -1.0
+    locate = (partial(_on_octahedron, sign=sign, size=planes.shape[-1], gutter=opacity_map.gutter)
+              if opacity_map.kind == "octahedral" else
+              partial(_on_plane, matrix=opacity_map.matrix[0], size=planes.shape[-1]))
 
     def see(points: Points, normal: Points | None = None) -> Field:
-        away, distance = _away(opacity_map, points)
+        away, distance = _away(origin, points)
         shape = distance.shape
-        x, y = locate(opacity_map, points, away, sign)
+        x, y = locate(away)
         corners = _corners(x.reshape(-1), y.reshape(-1), planes.shape[-1])
         depth = _share(distance.reshape(-1), np.asarray(near), np.asarray(far))
         tau = _read(planes, corners, depth, decode) if resolved else decode(_filtered(planes, corners), depth)
@@ -248,32 +225,30 @@ def _clear(points: Points, normal: Points | None = None) -> Field:
     return np.ones((1,) * points[0].ndim, np.result_type(*points))
 
 
-def _origin(opacity_map: OpacityMap) -> Matrix:
-    matrix = opacity_map.matrix[0]
+def _origin(matrix: Matrix) -> Matrix:
+    """Where a lamp is."""
     return np.asarray(np.linalg.solve(matrix[:, :3], -matrix[:, 3]), np.float64)
 
 
-def _away(opacity_map: OpacityMap, points: Points) -> tuple[Points, Field]:
+def _away(origin: Matrix, points: Points) -> tuple[Points, Field]:
     """Vectors from the lamp, and their lengths."""
-    x, y, z = (p - float(o) for p, o in zip(points, _origin(opacity_map), strict=True))
+    x, y, z = (p - o for p, o in zip(points, origin.tolist(), strict=True))
     return (x, y, z), np.sqrt(x * x + y * y + z * z)
 
 
-def _on_octahedron(opacity_map: OpacityMap, points: Points, away: Points, sign: float) -> tuple[Field, Field]:
-    size = opacity_map.coefficients.shape[-1]
-    half = 0.5 * (size - 2 * opacity_map.gutter)
+def _on_octahedron(away: Points, *, sign: float, size: int, gutter: int) -> tuple[Field, Field]:
+    half = 0.5 * (size - 2 * gutter)
     x, y, z = away
     shape = np.broadcast_shapes(x.shape, y.shape, z.shape)
     u, v = octahedral_square(*(sign * np.broadcast_to(c, shape) for c in (x, y, z)))
     return u * half + 0.5 * size, v * half + 0.5 * size
 
 
-def _on_plane(opacity_map: OpacityMap, points: Points, away: Points, sign: float) -> tuple[Field, Field]:
+def _on_plane(away: Points, *, matrix: Matrix, size: int) -> tuple[Field, Field]:
     x, y, z = away
-    rows = opacity_map.matrix[0, :, :3].tolist()
-    u, v, depth = (a * x + b * y + c * z for a, b, c in rows)
+    u, v, depth = (a * x + b * y + c * z for a, b, c in matrix[:, :3].tolist())
     over = 1.0 / np.maximum(depth, TINY)
-    limit = 4.0 * opacity_map.coefficients.shape[-1]
+    limit = 4.0 * size
     with np.errstate(over="ignore"):  # points beside or behind the light, where it does not shine
         return np.clip(u * over, -limit, limit), np.clip(v * over, -limit, limit)
 

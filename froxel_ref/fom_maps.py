@@ -19,7 +19,15 @@ from froxel_ref.fom import PUBLISHED_LEAST_TRANSMITTANCE
 from froxel_ref.fom_lookup import planes_of
 from froxel_ref.fom_march import DITHER, Marching, Span, media_coefficients, media_span
 from froxel_ref.fom_particles import Crossed, add_crossings, casting, crossed, crossing_span
-from froxel_ref.fom_plan import dimming_media, faces_shape, is_octahedral, map_border, meets, used_texels
+from froxel_ref.fom_plan import (
+    dimming_media,
+    faces_shape,
+    is_octahedral,
+    map_border,
+    meets,
+    particle_size,
+    used_texels,
+)
 from froxel_ref.fom_views import Wanted, cascade_lines, lamp_directions, lamp_reach, opacity_cascades
 from froxel_ref.geometry import Lines
 from froxel_ref.light_raster import LightRaster
@@ -56,6 +64,11 @@ class Dimming(NamedTuple):
     extinction: dict[int, float]
     particles: Particles
 
+    def of_suns(self) -> Dimming:
+        """Without global media, which have no end towards a directional light."""
+        local = {i: placed for i, placed in self.media.items() if isinstance(placed.medium, LocalMedium)}
+        return self._replace(media=local, extinction={i: self.extinction[i] for i in local})
+
 
 class Tiles(NamedTuple):
     """The maps of lamps, m of them: fields as in the results ``fom/…`` (`froxel_ref.quantities`)."""
@@ -76,7 +89,7 @@ class Cascades(NamedTuple):
     coefficients: Field
 
 
-def make_dimming(scene: Scene, assets: Assets, *, dtype: DTypeLike = np.float64, local_only: bool = False) -> Dimming:
+def make_dimming(scene: Scene, assets: Assets, *, dtype: DTypeLike = np.float64) -> Dimming:
     """Make ready what dims light in a scene.
 
     Parameters
@@ -86,8 +99,6 @@ def make_dimming(scene: Scene, assets: Assets, *, dtype: DTypeLike = np.float64,
         Density textures, and particles' opacities.
     dtype : data type
         Of the arithmetic to come; particles are float64.
-    local_only : bool
-        Without global media, which do not dim directional lights.
 
     Returns
     -------
@@ -103,7 +114,7 @@ def make_dimming(scene: Scene, assets: Assets, *, dtype: DTypeLike = np.float64,
     {0: 0.5}
     """
     placed, extinction = {}, {}
-    for number, medium in dimming_media(scene, local_only=local_only).items():
+    for number, medium in dimming_media(scene).items():
         texels = None if medium.density is None else assets.textures[medium.density.source]
         factor = 1.0
         if texels is not None and texels.min() == texels.max():
@@ -123,11 +134,6 @@ def _marching(settings: Settings) -> Marching:
 def _least(settings: Settings) -> float | None:
     """What a sample lets through at least (D8)."""
     return PUBLISHED_LEAST_TRANSMITTANCE if settings.fom_opacity == "clamped" else None
-
-
-def _size(settings: Settings) -> str:
-    """What a particle's size is (A9)."""
-    return "half" if settings.fom_particles == "centre" else "edge"
 
 
 # --- lamps ------------------------------------------------------------------------------------------
@@ -188,7 +194,7 @@ def lamp_tiles(scene: Scene, settings: Settings, dimming: Dimming, lamps: Mappin
     >>> scene = Scene(global_media=(Medium(extinction=0.5),))
     >>> lamps = {0: PointLight(position=(0, 0, 0), intensity=(1, 1, 1), radius=4)}
     >>> how = Settings()
-    >>> _, wanted = assign_tiles(lamps, scene.camera, how.opacity_maps)
+    >>> wanted = assign_tiles(lamps, scene.camera, how.opacity_maps)
     >>> tiles = lamp_tiles(scene, how, make_dimming(scene, load_assets(scene, None)), lamps, wanted)
     >>> tiles.coefficients.shape, tiles.coefficients[:, 5, 5].tolist()  # a_0 = 2·0.5·4
     ((8, 256, 256), [4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -238,7 +244,7 @@ def _lamp(light: PointLight, out: Field, scene: Scene, settings: Settings, dimmi
 
     def cross(some: Particles) -> Crossings:
         ray, particle, distance, tau = lamp_hits(
-            some, light.position, flat, depth=settings.fom_particles, size=_size(settings),
+            some, light.position, flat, depth=settings.fom_particles, size=particle_size(settings),
             least_transmittance=_least(settings))
         reached = distance < reach
         return Crossings(ray[reached], particle[reached], distance[reached], tau[reached])
@@ -252,7 +258,7 @@ def _lamp_span(lamp: _Lamp, settings: Settings) -> tuple[float, float]:
     if settings.fom_range != "bounded" or everywhere:
         return 0.0, lamp.reach
     span = media_span(list(lamp.media.values()), lamp.lines(slice(None)))
-    near, far = crossing_span(lamp.particles, span.near.size, size=_size(settings))
+    near, far = crossing_span(lamp.particles, span.near.size, size=particle_size(settings))
     low, high = float(min(span.near.min(), near.min())), float(max(span.far.max(), far.max()))
     return (max(low, 0.0), min(high, lamp.reach)) if high > low else (0.0, 0.0)
 
@@ -297,7 +303,7 @@ def sun_cascades(scene: Scene, settings: Settings, dimming: Dimming, suns: Mappi
         Its camera.
     settings : Settings
     dimming : Dimming
-        Without global media.
+        From `Dimming.of_suns`.
     suns : mapping of int to DirectionalLight
         By index.
     dtype : data type
@@ -346,7 +352,7 @@ def _cascade_task(light: DirectionalLight, view: LightRaster, dimming: Dimming, 
         x, y, z = light.direction
         particles = crossed(dimming.particles, lambda some: sun_hits(
             some, np.asarray(lines.origin, np.float64), (-x, -y, -z), depth=settings.fom_particles,
-            size=_size(settings), least_transmittance=_least(settings)))
+            size=particle_size(settings), least_transmittance=_least(settings)))
         span = _cascade_span(lines, particles, dimming, settings)
         # Rounded first, so that a lookup has the very range that the coefficients are made for.
         near, far = (end.astype(out.dtype) for end in span)
@@ -370,7 +376,7 @@ def _cascade_task(light: DirectionalLight, view: LightRaster, dimming: Dimming, 
 def _cascade_span(lines: Lines, particles: Crossed, dimming: Dimming, settings: Settings) -> Span:
     """The depths that each texel covers; 0 to 0 where nothing lies on its ray."""
     media = media_span(list(dimming.media.values()), lines)
-    near, far = crossing_span(particles, media.near.size, size=_size(settings))
+    near, far = crossing_span(particles, media.near.size, size=particle_size(settings))
     near, far = np.minimum(near, media.near), np.maximum(far, media.far)
     met = far > near
     if settings.fom_range == "fixed":

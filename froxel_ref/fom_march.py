@@ -154,8 +154,8 @@ def media_coefficients(media: Mapping[int, Placed], extinction: Mapping[int, flo
         live, path = _met(placed, lines)
         if not live.size:
             continue
-        if total.shape[-1] != count:
-            total = np.repeat(total, count, axis=-1) if total.shape[-1] == 1 else total
+        if total.shape[-1] == 1:
+            total = np.repeat(total, count, axis=-1)
         part = Lines(*(np.broadcast_to(field, (*field.shape[:-1], count))[..., live] for field in lines))
         near, far = (np.broadcast_to(end, count)[live] for end in span)
         if how.samples == "segments" and placed.texture is None:

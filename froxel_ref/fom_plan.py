@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from froxel_ref.fom_views import Wanted, assign_tiles, lamp_reach
+from froxel_ref.geometry import bounding_radius
 from froxel_ref.jobs import Part
 from froxel_ref.lights import colour
 from froxel_ref.records import InputError
@@ -15,10 +16,9 @@ from froxel_ref.settings import Settings
 from froxel_ref.shadow import map_kind
 
 __all__ = [
-    "assigned_tiles", "casting_particles", "dimmed_lamps", "dimmed_suns", "dimming_media", "faces_shape",
-    "is_octahedral", "map_border", "map_bytes", "map_parts", "meets", "needs_maps", "used_texels",
+    "assigned_tiles", "casting_particles", "dimmed_lamps", "dimmed_suns", "dimming_media", "dims_light", "faces_shape",
+    "is_octahedral", "map_border", "map_bytes", "map_parts", "meets", "needs_maps", "particle_size", "used_texels",
 ]
-
 
 
 def dimming_media(scene: Scene, *, local_only: bool = False) -> dict[int, Medium]:
@@ -66,7 +66,27 @@ def casting_particles(scene: Scene) -> tuple[Particle, ...]:
     >>> casting_particles(Scene(particles=(Particle(position=(0, 0, 0), opacity=0),)))
     ()
     """
-    return tuple(each for each in scene.all_particles if each.opacity > 0.0 and each.fom_multiplier > 0.0)
+    return tuple(each for each in scene.all_particles if each.casts)
+
+
+def particle_size(settings: Settings) -> str:
+    """What the size of a particle is: its edge, or in the thesis's program half of it (A9).
+
+    Parameters
+    ----------
+    settings : Settings
+
+    Returns
+    -------
+    {"edge", "half"}
+        As for `froxel_ref.billboards.half_extents`.
+
+    Examples
+    --------
+    >>> particle_size(Settings())
+    'edge'
+    """
+    return "half" if settings.fom_particles == "centre" else "edge"
 
 
 def is_octahedral(light: PointLight) -> bool:
@@ -193,8 +213,8 @@ def meets(light: PointLight, medium: Medium, reach: float) -> bool:
     if not isinstance(medium, LocalMedium):
         return True
     pose = medium.transform.world_from_local
-    radius = float(np.linalg.norm(np.abs(pose[:3, :3]).sum(axis=1)))
-    return float(np.linalg.norm(pose[:3, 3] - light.position)) <= (reach + radius) * (1.0 + 1e-9)
+    away = float(np.linalg.norm(pose[:3, 3] - light.position))
+    return away <= (reach + bounding_radius(pose)) * (1.0 + 1e-9)
 
 
 def needs_maps(scene: Scene, settings: Settings) -> tuple[bool, str]:
@@ -227,6 +247,26 @@ def needs_maps(scene: Scene, settings: Settings) -> tuple[bool, str]:
     return True, f"{count} light{'s' * (count > 1)} that media or particles may dim"
 
 
+def dims_light(scene: Scene, settings: Settings) -> bool:
+    """Whether media or particles dim a light, by maps or exactly.
+
+    Parameters
+    ----------
+    scene : Scene
+    settings : Settings
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> dims_light(Scene(), Settings(volumetric_shadows="exact"))
+    False
+    """
+    return settings.volumetric_shadows != "off" and bool(dimmed_lamps(scene, settings) or dimmed_suns(scene))
+
+
 def assigned_tiles(scene: Scene, settings: Settings) -> dict[int, Wanted]:
     """The tiles of the lamps that media or particles may dim.
 
@@ -247,7 +287,7 @@ def assigned_tiles(scene: Scene, settings: Settings) -> dict[int, Wanted]:
     Tile(row=0, column=0, size=256)
     """
     return assign_tiles(dimmed_lamps(scene, settings), scene.camera, settings.opacity_maps,
-                        tiles=settings.fom_tiles)[1]
+                        tiles=settings.fom_tiles)
 
 
 def map_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:

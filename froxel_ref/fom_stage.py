@@ -21,6 +21,7 @@ from froxel_ref.fom_plan import (
     dimming_media,
     is_octahedral,
     map_border,
+    particle_size,
 )
 from froxel_ref.fom_resolved import ROUNDINGS, resolve
 from froxel_ref.fom_views import CASCADE_REACH, lamp_reach
@@ -79,14 +80,15 @@ def opacity_maps(scene: Scene, settings: Settings, assets: Assets, *, dtype: DTy
     known = known or {}
     results = {name: known[name] for name in (*LAMPS, *SUNS) if name in known}
     lamps, suns = dimmed_lamps(scene, settings), dimmed_suns(scene)
-    if LAMPS[0] not in known:
-        dimming = make_dimming(scene if lamps else Scene(), assets, dtype=dtype)
+    old_lamps, old_suns = LAMPS[0] in known, SUNS[0] in known
+    some = (lamps and not old_lamps) or (suns and not old_suns)
+    dimming = make_dimming(scene if some else Scene(), assets, dtype=dtype)
+    if not old_lamps:
         tiles = lamp_tiles(scene, settings, dimming, lamps, assigned_tiles(scene, settings), dtype=dtype,
                            threads=threads)
         results |= dict(zip(LAMPS, (*tiles, None), strict=True))
-    if SUNS[0] not in known:
-        dimming = make_dimming(scene if suns else Scene(), assets, dtype=dtype, local_only=True)
-        cascades = sun_cascades(scene, settings, dimming, suns, dtype=dtype, threads=threads)
+    if not old_suns:
+        cascades = sun_cascades(scene, settings, dimming.of_suns(), suns, dtype=dtype, threads=threads)
         results |= dict(zip(SUNS, (*cascades, None), strict=True))
     for stored, resolved in ((LAMPS[-2:]), (SUNS[-2:])):
         if stored in known:
@@ -242,12 +244,12 @@ def exact_sights(scene: Scene, settings: Settings, assets: Assets) -> Visibility
     {}
     """
     suns, lamps = dimmed_suns(scene), dimmed_lamps(scene, settings)
-    found: dict[int, Sight] = {}
-    for lights, local_only in ((lamps, False), (suns, True)):
-        if lights:
-            dimming = make_dimming(scene, assets, local_only=local_only)
-            found |= {number: _exact(light, dimming, settings) for number, light in lights.items()}
-    return found
+    if not (suns or lamps):
+        return {}
+    dimming = make_dimming(scene, assets)
+    local = dimming.of_suns()
+    return {**{number: _exact(light, dimming, settings) for number, light in lamps.items()},
+            **{number: _exact(light, local, settings) for number, light in suns.items()}}
 
 
 def _exact(light: DirectionalLight | PointLight, dimming: Dimming, settings: Settings) -> Sight:
@@ -258,8 +260,7 @@ def _exact(light: DirectionalLight | PointLight, dimming: Dimming, settings: Set
         passed = light_transmittance(placed, extinction, light, points, settings=settings,
                                      sun_distance=CASCADE_REACH)[0]
         if dimming.particles.size.size:
-            size = "half" if settings.fom_particles == "centre" else "edge"
-            passed = passed * points_transmittance(dimming.particles, light, points, size=size)
+            passed = passed * points_transmittance(dimming.particles, light, points, size=particle_size(settings))
         return np.asarray(passed.astype(np.result_type(*points), copy=False))
 
     return see

@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from froxel_ref.atlas import Atlas, Tile, allocate, largest_free, new_atlas
+from froxel_ref.atlas import Tile, allocate, largest_free, new_atlas
 from froxel_ref.geometry import Lines, view_from_world
 from froxel_ref.light_raster import LightRaster, raster_rays
 from froxel_ref.scene import Camera, DirectionalLight, PointLight, SpotLight
@@ -19,7 +19,7 @@ from froxel_ref.shadow_views import WIDEST_SPOT, cascade_views, spot_view
 
 __all__ = [
     "CASCADE_REACH", "Wanted", "assign_tiles", "cascade_lines", "lamp_directions", "lamp_reach",
-    "octahedral_directions", "opacity_cascades", "opacity_texels", "screen_extent",
+    "octahedral_directions", "opacity_cascades", "screen_extent",
 ]
 
 Matrix: TypeAlias = NDArray[np.float64]
@@ -174,7 +174,7 @@ class Wanted(NamedTuple):
 
 
 def assign_tiles(lights: Mapping[int, PointLight], camera: Camera, maps: OpacityMaps, *,
-                 tiles: str = "by_extent") -> tuple[Atlas, dict[int, Wanted]]:
+                 tiles: str = "by_extent") -> dict[int, Wanted]:
     """Share the atlas out among lamps.
 
     Parameters
@@ -190,8 +190,7 @@ def assign_tiles(lights: Mapping[int, PointLight], camera: Camera, maps: Opacity
 
     Returns
     -------
-    atlas : Atlas
-    wanted : dict of int to Wanted
+    dict of int to Wanted
 
     Notes
     -----
@@ -201,7 +200,7 @@ def assign_tiles(lights: Mapping[int, PointLight], camera: Camera, maps: Opacity
     Examples
     --------
     >>> lamp = PointLight(position=(0, 0, 0), intensity=(1, 1, 1))
-    >>> _, wanted = assign_tiles({0: lamp, 1: lamp}, Camera(), OpacityMaps(atlas=256, small=128, smallest=128))
+    >>> wanted = assign_tiles({0: lamp, 1: lamp}, Camera(), OpacityMaps(atlas=256, small=128, smallest=128))
     >>> wanted[0].tile, wanted[1].tile
     (Tile(row=0, column=0, size=256), None)
     """
@@ -214,7 +213,7 @@ def assign_tiles(lights: Mapping[int, PointLight], camera: Camera, maps: Opacity
             given //= 2
         atlas, tile = allocate(atlas, given)
         result[number] = Wanted(size, tile)
-    return atlas, result
+    return result
 
 
 # --- suns -------------------------------------------------------------------------------------------
@@ -244,28 +243,9 @@ def opacity_cascades(light: DirectionalLight, camera: Camera, grid: Grid, shadow
     >>> [view.rows for view in opacity_cascades(sun, Camera(), Grid(), ShadowMaps(), OpacityMaps())]
     [256, 256, 256, 256]
     """
-    return cascade_views(light, camera, grid, opacity_texels(shadow_maps, maps))
-
-
-def opacity_texels(shadow_maps: ShadowMaps, maps: OpacityMaps) -> ShadowMaps:
-    """Settings of shadow maps whose cascades are those of a sun's Fourier opacity maps.
-
-    Parameters
-    ----------
-    shadow_maps : ShadowMaps
-    maps : OpacityMaps
-
-    Returns
-    -------
-    ShadowMaps
-
-    Examples
-    --------
-    >>> opacity_texels(ShadowMaps(), OpacityMaps()).directional_size
-    256
-    """
-    return ShadowMaps(cascades=shadow_maps.cascades, split=shadow_maps.split, directional_size=maps.directional_size,
-                      border=1)
+    texels = ShadowMaps(cascades=shadow_maps.cascades, split=shadow_maps.split,
+                        directional_size=maps.directional_size, border=1)
+    return cascade_views(light, camera, grid, texels)
 
 
 def cascade_lines(view: LightRaster) -> Lines:

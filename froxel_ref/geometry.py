@@ -444,6 +444,27 @@ def transform_points(matrix: Matrix, points: Points, *, directions: bool = False
     return x, y, z
 
 
+def bounding_radius(pose: Matrix) -> float:
+    """Radius of a ball about a pose's origin that holds its box.
+
+    Parameters
+    ----------
+    pose : ndarray, shape (4, 4)
+        ``world_from_local``; the box is [−1, 1]³ there.
+
+    Returns
+    -------
+    float [m]
+        Half the diagonal of the box along the world's axes around it: no less than the farthest corner's distance.
+
+    Examples
+    --------
+    >>> bounding_radius(np.diag([2.0, 3.0, 6.0, 1.0]))
+    7.0
+    """
+    return float(np.linalg.norm(np.abs(pose[:3, :3]).sum(axis=1)))
+
+
 def _row(row: Matrix, points: Points, translated: bool) -> Field:
     """One output component: the sum of the terms whose factor is not 0."""
     total: Field | None = None

@@ -26,7 +26,7 @@ of which the weights used for float16 are those, rounded up.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,7 @@ from froxel_ref.storage import store, store_series
 __all__ = ["BIASES", "STORAGES", "TRIGONOMETRIC_WEIGHTS", "Bias", "normalised_moments", "stored_moments"]
 
 Array: TypeAlias = NDArray[np.floating[Any]]
+Known = TypeVar("Known")
 
 STORAGES = ("float32", "float16", "unorm16")
 
@@ -187,6 +188,14 @@ def normalised_moments(stored: Field, storage: str | None, *, power: bool = True
     odd_matrix, even_matrix = (np.asarray(np.linalg.inv(m)) for m in _mixing(count))
     shares = _mixed(codes, (odd_matrix, even_matrix), 0.0, np.zeros_like(offset))
     return stored[0], np.clip(shares, -1.0, 1.0)
+
+
+def known_bias(biases: Mapping[tuple[str, int], Known], storage: str | None, count: int) -> Known:
+    """What a table of biases has for a storage, float32's where nothing is stored, and a number of moments."""
+    key = storage or "float32", count
+    if key not in biases:
+        raise InputError("bias", f"is not known for {count} moments, must be given")
+    return biases[key]
 
 
 def check_storage(storage: str | None) -> None:

@@ -7,7 +7,7 @@ lets through, up to z, an amount between two bounds, which are found and mixed [
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from froxel_ref.absorbers import Absorbers, inverse_lengths
 from froxel_ref.arrays import Field
-from froxel_ref.moment_storage import BIASES, Bias, normalised_moments
+from froxel_ref.moment_storage import BIASES, Bias, known_bias, normalised_moments
 from froxel_ref.real_roots import real_roots
 from froxel_ref.records import InputError, shown
 
@@ -194,20 +194,18 @@ def transmittance(encoded: Field, depth: Field, *, storage: str | None = None, b
     dtype = np.result_type(encoded, depth)
     whole, shares = normalised_moments(np.asarray(encoded, np.float64), storage)
     if bias is None:
-        bias = _bias(storage, len(shares))
+        bias = known_bias(BIASES, storage, len(shares))
     z = 2.0 * warped(np.clip(np.asarray(depth, np.float64), 0.0, 1.0), ratio) - 1.0
     centre, spread = _recurrence(_biased(shares, bias))
+    return in_blocks(lambda some: _before(centre, spread, some, overestimation), z, whole).astype(dtype, copy=False)
+
+
+def in_blocks(before: Callable[[Array], Array], place: Array, whole: Array) -> Array:
+    """exp(−whole·before(place)), a few rows of places at a time."""
     rows = max(1, BLOCK // max(1, whole.size))
-    before = [_before(centre, spread, z[i:i + rows], overestimation) for i in range(0, len(z), rows)]
+    shares = [before(place[i:i + rows]) for i in range(0, len(place), rows)]
     with np.errstate(under="ignore"):
-        return np.asarray(np.exp(-whole * np.concatenate(before)), dtype)
-
-
-def _bias(storage: str | None, count: int) -> Bias:
-    key = storage or "float32", count
-    if key not in BIASES:
-        raise InputError("bias", f"is not known for {count} moments, must be given")
-    return BIASES[key]
+        return np.asarray(np.exp(-whole * np.concatenate(shares)))
 
 
 def _biased(shares: Array, bias: Bias) -> Array:

@@ -41,6 +41,16 @@ class Particle(Billboard):
     rotation: float = number(0.0, "turn about the line of sight, counter-clockwise", unit="degrees", **RATE)
     opacity: float = number(0.5, "share of the light that it stops where its profile is 1", at_least=0.0, at_most=1.0)
 
+    @property
+    def visible(self) -> bool:
+        """Whether it stops any light of what lies behind it in the image."""
+        return self.opacity > 0.0
+
+    @property
+    def casts(self) -> bool:
+        """Whether it dims any light."""
+        return self.visible and self.fom_multiplier > 0.0
+
 
 @dataclass(frozen=True, kw_only=True)
 class ParticleCloud(Billboard):

@@ -65,7 +65,7 @@ def must_point(direction: tuple[float, ...], name: str) -> None:
                                f"{WIDEST:g}")
 
 
-def unit_vector(direction: tuple[float, ...]) -> tuple[float, ...]:
+def _unit(direction: tuple[float, ...]) -> tuple[float, ...]:
     length = math.hypot(*direction)
     return tuple(component / length for component in direction)
 
@@ -89,7 +89,7 @@ class Camera(Record):
         forward = tuple(b - a for a, b in zip(self.position, self.target, strict=True))
         must_point(forward, "target")
         must_point(self.up, "up")
-        across = np.cross(unit_vector(forward), unit_vector(self.up))
+        across = np.cross(_unit(forward), _unit(self.up))
         if not float(np.linalg.norm(across)) > SINGULAR:
             raise InputError("up", "is along the view direction, must be across it")
 

@@ -15,6 +15,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from froxel_ref import blocks
 from froxel_ref.arrays import Field
+from froxel_ref.geometry import bounding_radius
 from froxel_ref.lights import colour
 from froxel_ref.records import InputError
 from froxel_ref.scene import Box, Camera, DirectionalLight, Light, Plane, PointLight, Sphere, SpotLight, Surface
@@ -129,7 +130,7 @@ def _reaches(light: Light, surface: Surface) -> bool:
         local = np.linalg.solve(pose[:3, :3], place - pose[:3, 3])
         # To the point of the box whose local coordinates are nearest: never less than to the nearest point, so
         # the bounding ball decides where that is farther off.
-        ball = float(np.linalg.norm(place - pose[:3, 3])) - float(np.linalg.norm(np.abs(pose[:3, :3]).sum(axis=1)))
+        ball = float(np.linalg.norm(place - pose[:3, 3])) - bounding_radius(pose)
         away = ball if np.abs(local).max() > 1.0 else 0.0
     else:
         return True

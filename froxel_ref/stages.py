@@ -21,11 +21,11 @@ from froxel_ref import (
     shadow_stage,
     surface,
 )
-from froxel_ref.arrays import Candidates, Field, FogAt, Points, Visibility
+from froxel_ref.arrays import Candidates, Field, FogAt
 from froxel_ref.billboards import placed_particles
 from froxel_ref.buffers import Integrated, VBuffer
-from froxel_ref.fom_lookup import both_sights
 from froxel_ref.jobs import Job, Need, Part, Results, Stage
+from froxel_ref.light_visibility import light_visibility
 from froxel_ref.quantities import FINAL
 from froxel_ref.scene import (
     BLACK,
@@ -35,7 +35,7 @@ from froxel_ref.scene import (
     PointLight,
     Scene,
 )
-from froxel_ref.settings import Settings, replace
+from froxel_ref.settings import Settings
 from froxel_ref.shadow import shadowed_lights
 
 __all__ = ["STAGES", "v_buffer"]
@@ -87,7 +87,7 @@ def _run_surface(job: Job, results: Results) -> dict[str, Field]:
         hits = surface.find_surfaces(job.scene.surfaces, job.image_rays, job.assets, threads=job.threads,
                                      restrict=not job.full)
         radiance = surface.shade(hits, job.image_rays, job.scene, attenuation=job.settings.attenuation,
-                                 visibility=_visibility(job, results), threads=job.threads, restrict=not job.full)
+                                 visibility=light_visibility(job, results), threads=job.threads, restrict=not job.full)
     return {"surface/depth": hits.depth, "surface/normal": hits.normal, "surface/albedo": hits.albedo,
             "surface/radiance": radiance}
 
@@ -240,38 +240,6 @@ def _run_fom(job: Job, results: Results) -> dict[str, Field]:
                                   known=results)
 
 
-# --- what lights see --------------------------------------------------------------------------------
-
-
-def _hidden(job: Job, results: Results) -> Visibility:
-    """What surfaces leave of each light."""
-    how = job.settings.shadows
-    return (shadow_stage.map_sights(results, job.scene, job.settings, job.assets) if how == "maps" else
-            shadow_stage.exact_sights(job.scene, job.assets) if how == "exact" else {})
-
-
-def _dimmed(job: Job, results: Results) -> Visibility:
-    """What media and particles leave of each light."""
-    how = job.settings.volumetric_shadows
-    return (fom_stage.map_sights(results, job.scene, job.settings) if how == "maps" else
-            fom_stage.exact_sights(job.scene, job.settings, job.assets) if how == "exact" else {})
-
-
-def _visibility(job: Job, results: Results) -> Visibility:
-    """What is left of each light: by surfaces times by media; where all is forced, an explicit 1 where nothing is."""
-    hidden, dimmed = _hidden(job, results), _dimmed(job, results)
-    found = {**hidden, **dimmed}
-    for number in hidden.keys() & dimmed.keys():
-        sun = isinstance(job.scene.all_lights[number], DirectionalLight)
-        smaller = sun and job.settings.fom_sun == "min"
-        found[number] = both_sights(hidden[number], dimmed[number], smaller=smaller)
-
-    def seen(points: Points, normal: Points | None = None) -> Field:
-        return np.ones(np.broadcast_shapes(*(p.shape for p in points)), job.dtype)
-
-    return dict.fromkeys(range(len(job.scene.all_lights)), seen) | found if job.full else found
-
-
 # --- lighting ---------------------------------------------------------------------------------------
 
 
@@ -292,10 +260,7 @@ def _needs_lighting(scene: Scene, settings: Settings) -> Need:
 
 def _dims(scene: Scene, settings: Settings) -> Need:
     """Whether media or particles dim a light."""
-    needed, why = fom_plan.needs_maps(scene, settings)
-    exact = settings.volumetric_shadows == "exact" and fom_plan.needs_maps(
-        scene, replace(settings, volumetric_shadows="maps"))[0]
-    return needed or exact, why
+    return fom_plan.dims_light(scene, settings), fom_plan.needs_maps(scene, settings)[1]
 
 
 def _lighting_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
@@ -337,7 +302,7 @@ def _run_lighting(job: Job, results: Results) -> dict[str, Field]:
     light = lighting.in_scattering(
         v_buffer(results), scene.all_lights, job.froxels, ambient=scene.ambient,
         phase_function=settings.phase_function, second_lobe=settings.second_lobe, emission=settings.emission,
-        attenuation=settings.attenuation, ambient_term=settings.ambient, visibility=_visibility(job, results),
+        attenuation=settings.attenuation, ambient_term=settings.ambient, visibility=light_visibility(job, results),
         exposure=scene.camera.exposure if settings.exposure == "lighting" else 1.0, threads=job.threads,
         candidates=_candidates(job, results, "light"), restrict=not job.full)
     return {"lighting/in_scattering": light}
@@ -373,7 +338,7 @@ def _run_integrate(job: Job, results: Results) -> dict[str, Field]:
 
 
 def _needs_particles(scene: Scene, settings: Settings) -> Need:
-    seen = sum(each.opacity > 0.0 for each in scene.all_particles)
+    seen = sum(each.visible for each in scene.all_particles)
     return _some(seen, _count(seen, "particle"), "the scene has no particles")
 
 
@@ -385,16 +350,16 @@ def _particle_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
 def _run_particles(job: Job, results: Results) -> dict[str, Field]:
     scene, how = job.scene, job.settings
     ready = placed_particles(scene, job.assets, dtype=job.dtype)
-    size = "half" if how.fom_particles == "centre" else "edge"
     light_on = particles.scattered_light(
-        ready, scene.all_lights, scene.camera.position, ambient=scene.ambient, visibility=_visibility(job, results),
-        attenuation=how.attenuation, size=size, restrict=not job.full)
+        ready, scene.all_lights, scene.camera.position, ambient=scene.ambient,
+        visibility=light_visibility(job, results), attenuation=how.attenuation, size=fom_plan.particle_size(how),
+        restrict=not job.full)
     exposure = job.dtype.type(scene.camera.exposure if how.exposure == "lighting" else 1.0)  # the fog's has it
     shape = scene.camera.height, scene.camera.width
     radiance, passed = particles.render_particles(
         ready, scene.camera, job.image_rays, np.broadcast_to(results["surface/depth"], shape),
         lambda points, index: light_on(points, index) * exposure, _fog_at(job, results, shape),
-        lit_at=how.particles_lit_at, size=size)
+        lit_at=how.particles_lit_at, size=fom_plan.particle_size(how))
     if job.full:
         radiance, passed = np.broadcast_to(radiance, (3, *shape)).copy(), np.broadcast_to(passed, shape).copy()
     return {"particles/radiance": radiance, "particles/transmittance": passed}

@@ -123,7 +123,7 @@ def _slices(*, slices: int = 32, sampling: str = "mean", holds: str = "transmitt
     def encode(absorbers: Absorbers) -> Field:
         depths = opacity_slices.slice_depths(absorbers, slices=slices, sampling=sampling)
         held = opacity_slices.opacity_slices(depths, holds=holds)
-        if storage in FLOATS:  # beyond its largest number nothing passes either
+        if storage is not None and storage in FLOATS:  # beyond its largest number nothing passes either
             held = np.minimum(held, held.dtype.type(FLOATS[storage].maximum))
         return held if storage is None else store(held, storage)
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from froxel_ref import fom
 from froxel_ref.absorbers import Absorbers
 from froxel_ref.arrays import Field
-from froxel_ref.moment_storage import TRIGONOMETRIC_WEIGHTS, normalised_moments
-from froxel_ref.power_moments import BLOCK, OVERESTIMATION
+from froxel_ref.moment_storage import TRIGONOMETRIC_WEIGHTS, known_bias, normalised_moments
+from froxel_ref.power_moments import OVERESTIMATION, in_blocks
 from froxel_ref.real_roots import real_roots
 from froxel_ref.records import InputError, shown
 
@@ -130,21 +130,12 @@ def transmittance(encoded: Field, depth: Field, *, storage: str | None = None, b
     dtype = np.result_type(encoded, depth)
     whole, shares = normalised_moments(np.asarray(encoded, np.float64), storage, power=False)
     if bias is None:
-        bias = _weight(storage, len(shares) // 2)
+        bias = known_bias(TRIGONOMETRIC_WEIGHTS, storage, len(shares) // 2)
     moments = np.asarray((1.0 - bias) * (shares[0::2] + 1j * shares[1::2]), np.complex128)
     phase = _span(wrapping) * np.clip(np.asarray(depth, np.float64), 0.0, 1.0)
     kernel = _kernel(moments)
-    rows = max(1, BLOCK // max(1, whole.size))
-    before = [_before(kernel, phase[i:i + rows], overestimation, wrapping) for i in range(0, len(phase), rows)]
-    with np.errstate(under="ignore"):
-        return np.asarray(np.exp(-whole * np.concatenate(before)), dtype)
-
-
-def _weight(storage: str | None, count: int) -> float:
-    key = storage or "float32", count
-    if key not in TRIGONOMETRIC_WEIGHTS:
-        raise InputError("bias", f"is not known for {count} moments, must be given")
-    return TRIGONOMETRIC_WEIGHTS[key]
+    return in_blocks(lambda some: _before(kernel, some, overestimation, wrapping), phase, whole
+                     ).astype(dtype, copy=False)
 
 
 def _kernel(moments: Complex) -> Complex:

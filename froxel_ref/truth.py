@@ -183,7 +183,7 @@ def make_truth_physics(scene: Scene, settings: Settings, assets: Assets | None, 
     """What light and media do, made ready once for all rays; arguments as for `trace`."""
     from froxel_ref.assets import load_assets
 
-    if volumetric and any(each.opacity > 0.0 and each.fom_multiplier > 0.0 for each in scene.all_particles):
+    if volumetric and any(each.casts for each in scene.all_particles):
         raise InputError("particles", "cast volumetric shadows, which the truth knows of media alone, must be left out "
                                       "(--set scene.particles=[])")
     assets = load_assets(scene, None) if assets is None else assets

@@ -96,14 +96,18 @@ def check_integrable(scene: Scene, settings: Settings) -> None:
         ...
     froxel_ref.records.InputError: scene: has no medium with extinction or emission: nothing to integrate
     """
-    if any(each.opacity > 0.0 for each in scene.all_particles):
-        raise InputError("particles", "are not in the truth, must be left out (--set scene.particles=[])")
+    _check_no_particles(scene)
     media = contributing((*scene.global_media, *scene.local_media))
     if not media:
         raise InputError("scene", "has no medium with extinction or emission: nothing to integrate")
     ambient = any(scene.ambient) or settings.ambient == "constant"
     if not (scene.all_lights or ambient or any(any(medium.emissive) for medium in media)):
         raise InputError("scene", "has no light, no ambient light and no emission: nothing to integrate")
+
+
+def _check_no_particles(scene: Scene) -> None:
+    if any(each.visible for each in scene.all_particles):
+        raise InputError("particles", "are not in the truth, must be left out (--set scene.particles=[])")
 
 
 def image_lines(rays: Rays, depth: Field, far: float) -> tuple[Array, Array, Array]:
@@ -205,8 +209,7 @@ def render_truth(scene: Scene, settings: Settings | None = None, *, assets: Asse
         volumetric_shadows = settings.volumetric_shadows != "off"
     check_options(rtol, shadows, sun_distance)
     check_filter(scene, pixel_filter)
-    if any(each.opacity > 0.0 for each in scene.all_particles):
-        check_integrable(scene, settings)
+    _check_no_particles(scene)
     from froxel_ref.assets import load_assets
 
     assets = load_assets(scene, None) if assets is None else assets

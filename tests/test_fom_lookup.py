@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from reference_fom import fold, listing_3_17, neighbour, unfold
 
 from froxel_ref.fom import sample_coefficients, segment_coefficients
-from froxel_ref.fom_lookup import OpacityMap, both_sights, cascade_sight, lamp_sight, planes_of
+from froxel_ref.fom_lookup import OpacityMap, cascade_sight, lamp_sight, planes_of
 from froxel_ref.fom_views import lamp_directions, octahedral_directions, opacity_cascades
+from froxel_ref.light_visibility import both_sights
 from froxel_ref.scene import Camera, DirectionalLight, PointLight, SpotLight
 from froxel_ref.settings import Grid, OpacityMaps, ShadowMaps
 from froxel_ref.shadow_filters import pad_octahedral
