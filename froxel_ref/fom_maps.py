@@ -18,7 +18,7 @@ from froxel_ref.density import Placed, place
 from froxel_ref.fom import PUBLISHED_LEAST_TRANSMITTANCE
 from froxel_ref.fom_lookup import planes_of
 from froxel_ref.fom_march import DITHER, Marching, Span, media_coefficients, media_span
-from froxel_ref.fom_particles import Crossed, add_crossings, casting, crossed, crossing_span
+from froxel_ref.fom_particles import KEPT, Crossed, add_crossings, casting, crossed, crossing_span
 from froxel_ref.fom_plan import (
     dimming_media,
     faces_shape,
@@ -206,7 +206,7 @@ def lamp_tiles(scene: Scene, settings: Settings, dimming: Dimming, lamps: Mappin
     spans = np.zeros((len(held), 1, 2))
 
     def look(k: int) -> None:
-        made[k] = lamp = _lamp(lamps[list(held)[k]], outs[k], scene, settings, dimming)
+        made[k] = lamp = _lamp(lamps[list(held)[k]], outs[k], scene, settings, dimming, KEPT // len(held))
         spans[k, 0] = _lamp_span(lamp, settings)
 
     blocks.run(look, range(len(held)), threads=threads)
@@ -230,7 +230,7 @@ def lamp_tiles(scene: Scene, settings: Settings, dimming: Dimming, lamps: Mappin
                  np.array(matrix).reshape(-1, 1, 3, 4), atlas)
 
 
-def _lamp(light: PointLight, out: Field, scene: Scene, settings: Settings, dimming: Dimming) -> _Lamp:
+def _lamp(light: PointLight, out: Field, scene: Scene, settings: Settings, dimming: Dimming, keep: int) -> _Lamp:
     gutter = map_border(light, settings)
     ways = lamp_directions(light, out.shape[-1], gutter=gutter, spot=settings.fom_spot,
                            octahedron=settings.fom_octahedron)
@@ -249,7 +249,7 @@ def _lamp(light: PointLight, out: Field, scene: Scene, settings: Settings, dimmi
         reached = distance < reach
         return Crossings(ray[reached], particle[reached], distance[reached], tau[reached])
 
-    return _Lamp(light, ways, target, reach, near, crossed(dimming.particles, cross))
+    return _Lamp(light, ways, target, reach, near, crossed(dimming.particles, cross, keep=keep))
 
 
 def _lamp_span(lamp: _Lamp, settings: Settings) -> tuple[float, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import TypeAlias
 
 import numpy as np
@@ -14,15 +14,17 @@ from froxel_ref.billboards import Particles, reaches
 from froxel_ref.fom import sample_coefficients
 from froxel_ref.fom_lookup import planes_of
 
-__all__ = ["Crossed", "add_crossings", "casting", "crossed", "crossing_span"]
+__all__ = ["KEPT", "Crossed", "add_crossings", "casting", "crossed", "crossing_span"]
 
 Integers: TypeAlias = NDArray[np.intp]
 
 Crossed: TypeAlias = Callable[[], Iterable[tuple[Particles, Crossings]]]
 """Some particles at a time, and where rays cross them; may be asked more than once."""
 
-# Particles that are crossed at a time: where each covers all of 65,536 rays, a quarter of a gigabyte.
-FEW = 128
+# Particles that are crossed at first; then as many as are likely to have this many crossings.
+FEW, AT_ONCE = 16, 1 << 19
+# Crossings that are kept for being asked again, 32 bytes each.
+KEPT = 1 << 22
 
 
 def casting(particles: Particles) -> Particles:
@@ -49,13 +51,13 @@ def casting(particles: Particles) -> Particles:
     return chosen(particles, np.flatnonzero((particles.opacity > 0.0) & (particles.multiplier > 0.0)))
 
 
-def chosen(particles: Particles, some: Integers) -> Particles:
+def chosen(particles: Particles, some: Integers | slice) -> Particles:
     """Some of the particles."""
     return particles._replace(**{name: getattr(particles, name)[..., some] for name in Particles._fields
                                  if name != "textures"})
 
 
-def crossed(particles: Particles, cross: Callable[[Particles], Crossings]) -> Crossed:
+def crossed(particles: Particles, cross: Callable[[Particles], Crossings], *, keep: int = KEPT) -> Crossed:
     """Cross particles a few at a time, so that memory stays bounded however many there are.
 
     Parameters
@@ -63,11 +65,13 @@ def crossed(particles: Particles, cross: Callable[[Particles], Crossings]) -> Cr
     particles : Particles
     cross : callable
         From some particles to where rays cross them.
+    keep : int
+        Crossings to keep at most: of the first particles, as far as it goes. The others are crossed each time.
 
     Returns
     -------
     callable
-        See `Crossed`. Few particles are crossed once, many each time that it is called.
+        See `Crossed`.
 
     Examples
     --------
@@ -78,14 +82,25 @@ def crossed(particles: Particles, cross: Callable[[Particles], Crossings]) -> Cr
     >>> none = Crossings(*(np.zeros(0, np.intp),) * 4)
     >>> parts = crossed(placed_particles(scene, load_assets(scene, None)), lambda some: none)
     >>> [some.size.size for some, _ in parts()]
-    [128, 128, 44]
+    [16, 64, 220]
     """
-    count = particles.size.size
-    parts = [chosen(particles, np.arange(begin, min(begin + FEW, count))) for begin in range(0, count, FEW)]
-    if len(parts) > 1:
-        return lambda: ((part, cross(part)) for part in parts)
-    made = [(part, cross(part)) for part in parts]
-    return lambda: made
+    kept: list[tuple[Particles, Crossings]] = []
+
+    def pieces() -> Iterator[tuple[Particles, Crossings]]:
+        yield from tuple(kept)
+        begin, held = sum(part.size.size for part, _ in kept), sum(found.ray.size for _, found in kept)
+        few = FEW
+        while begin < particles.size.size:
+            part = chosen(particles, slice(begin, begin + few))
+            found = cross(part)
+            held += found.ray.size
+            if held <= keep:
+                kept.append((part, found))
+            yield part, found
+            begin += few
+            few = min(max(few * AT_ONCE // max(found.ray.size, 1), 1), 4 * few)
+
+    return pieces
 
 
 def crossing_span(parts: Crossed, count: int, *, size: str = "edge") -> tuple[Field, Field]:

@@ -16,9 +16,12 @@ from froxel_ref.settings import Settings
 from froxel_ref.shadow import map_kind
 
 __all__ = [
-    "assigned_tiles", "casting_particles", "dimmed_lamps", "dimmed_suns", "dimming_media", "dims_light", "faces_shape",
+    "assigned_tiles", "casting_particles", "crossing_bytes", "dimmed_lamps", "dimmed_suns", "dimming_media", "dims_light", "faces_shape",
     "is_octahedral", "map_border", "map_bytes", "map_parts", "meets", "needs_maps", "particle_size", "used_texels",
 ]
+
+# Bytes that a crossing takes while it is made, measured, and what crossings take together at most.
+CROSSING, HELD = 128, 480 << 20
 
 
 def dimming_media(scene: Scene, *, local_only: bool = False) -> dict[int, Medium]:
@@ -397,3 +400,30 @@ def map_bytes(scene: Scene, settings: Settings) -> int:
     texels = rows * columns * (channels + more) + suns * faces * size * size * (channels + more + 2)
     # Beside them an index, three numbers of the tile, two of the range and twelve of the matrix.
     return texels * np.dtype(settings.precision).itemsize + 8 * (lamps * (1 + 3 + 2 + 12) + suns * (1 + faces * 12))
+
+
+def crossing_bytes(scene: Scene, settings: Settings) -> int:
+    """Memory that particles' crossings with the maps' rays take while maps are made.
+
+    Parameters
+    ----------
+    scene : Scene
+    settings : Settings
+
+    Returns
+    -------
+    int
+        Bytes: what a crossing needs, if every ray crosses every particle, up to what is held at a time.
+
+    Examples
+    --------
+    >>> crossing_bytes(Scene(), Settings())
+    0
+    """
+    particles = len(casting_particles(scene))
+    if settings.volumetric_shadows != "maps" or not particles:
+        return 0
+    maps = settings.opacity_maps
+    texels = (len(dimmed_lamps(scene, settings)) * maps.large**2
+              + len(dimmed_suns(scene)) * settings.shadow_maps.cascades * maps.directional_size**2)
+    return min(CROSSING * particles * texels, HELD)

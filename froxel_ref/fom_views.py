@@ -24,8 +24,8 @@ __all__ = [
 
 Matrix: TypeAlias = NDArray[np.float64]
 
-# How far before and behind its plane a cascade looks for media [m].
-CASCADE_REACH = 1e6
+# How far before and behind its plane a cascade looks for media [m]: beyond the farthest that scenes may have.
+CASCADE_REACH = 1e11
 
 
 # --- lamps ------------------------------------------------------------------------------------------

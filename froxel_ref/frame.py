@@ -17,6 +17,7 @@ import numpy as np
 from froxel_ref.arrays import Field
 from froxel_ref.assets import Assets, load_assets
 from froxel_ref.culling import list_shapes
+from froxel_ref.fom_plan import crossing_bytes
 from froxel_ref.fom_plan import map_bytes as opacity_bytes
 from froxel_ref.forcing import forced
 from froxel_ref.jobs import Job, Part, Stage
@@ -156,8 +157,8 @@ def working_bytes(scene: Scene, settings: Settings) -> int:
     -------
     int
         Bytes of what grows with the scene: each lobe of a mixture before it is stacked, each lamp's
-        distances per ray, each height field's triangles, the lists of lights twice more; and a quarter of the
-        results for all else.
+        distances per ray, each height field's triangles, particles' crossings with the rays of opacity maps, the
+        lists of lights twice more; and a quarter of the results for all else.
 
     Examples
     --------
@@ -173,8 +174,8 @@ def working_bytes(scene: Scene, settings: Settings) -> int:
     # heights has two triangles a cell, of some 128 bytes each while they are hit.
     return (3 * lobes * grid.width * grid.height * grid.depth * item
             + lamps * (4 * grid.width * grid.height * item + 32 * grid.depth)
-            + sum(64 * size * size for size in folds) + 2 * _list_bytes(scene, settings)
-            + estimate_bytes(scene, settings) // 4)
+            + sum(64 * size * size for size in folds) + crossing_bytes(scene, settings)
+            + 2 * _list_bytes(scene, settings) + estimate_bytes(scene, settings) // 4)
 
 
 def _lobes(scene: Scene, settings: Settings) -> int:

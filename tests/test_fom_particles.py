@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -11,10 +12,13 @@ from hypothesis import strategies as st
 
 from froxel_ref import scene_files
 from froxel_ref.assets import load_assets
+from froxel_ref.billboard_shadows import Crossings, lamp_hits
+from froxel_ref.billboards import Particles, placed_particles
 from froxel_ref.cli import main
+from froxel_ref.fom_particles import casting, crossed
 from froxel_ref.fom_plan import dimmed_lamps, dimmed_suns
 from froxel_ref.fom_stage import exact_sights, map_sights, opacity_maps
-from froxel_ref.frame import FINAL, plan, run_frame
+from froxel_ref.frame import FINAL, estimate_bytes, plan, run_frame, working_bytes
 from froxel_ref.records import InputError
 from froxel_ref.scene import (
     Camera,
@@ -228,3 +232,43 @@ def test_the_truth_says_that_it_has_no_particles(capsys: pytest.CaptureFixture[s
     out = capsys.readouterr()
     assert out.err.count("\n") == 1
     assert "particles: are not in the truth" in out.err
+
+
+def test_memory_stays_below_its_estimate_however_much_is_crossed() -> None:
+    """Every ray of every lamp crosses many particles: 25 million crossings, of 32 bytes each when all are held."""
+    rng = np.random.default_rng(3)
+    puffs = tuple(Particle(position=tuple(rng.uniform(-1, 1, 3)), size=24.0, opacity=0.1) for _ in range(64))
+    lamps = tuple(PointLight(position=tuple(rng.uniform(-2, 2, 3)), intensity=WHITE, radius=20) for _ in range(6))
+    scene, how = Scene(particles=puffs, lights=lamps), Settings(volumetric_shadows="maps", grid=HOW.grid)
+    assets = load_assets(scene, None)
+    tracemalloc.start()
+    try:
+        opacity_maps(scene, how, assets)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 500e6 < 25e6 * 32
+    assert peak < estimate_bytes(scene, how) + working_bytes(scene, how)
+
+
+def test_what_is_kept_of_crossings_changes_nothing() -> None:
+    ready = casting(placed_particles(Scene(particles=(ParticleCloud(count=200, size=(0.5, 2.0)),)),
+                                     load_assets(Scene(), None)))
+    ways = np.stack(np.meshgrid(np.linspace(-0.2, 0.2, 9), np.linspace(-0.2, 0.2, 9), [-1.0])).reshape(3, -1)
+    asked: list[int] = []
+
+    def cross(some: Particles) -> Crossings:
+        asked.append(some.size.size)
+        return lamp_hits(some, (0.0, 2.0, 9.0), ways)
+
+    whole = cross(ready)
+    for keep in (0, whole.ray.size // 2, whole.ray.size):
+        asked.clear()
+        parts = crossed(ready, cross, keep=keep)
+        for _ in range(2):
+            found = [crossings for _, crossings in parts()]
+            order = np.concatenate([each.distance for each in found])
+            np.testing.assert_array_equal(np.sort(order), np.sort(whole.distance))
+        assert 200 <= sum(asked) <= 400
+        assert (sum(asked) == 200) == (keep == whole.ray.size)
+        assert (sum(asked) == 400) == (keep == 0)

@@ -377,3 +377,15 @@ def test_the_hall_has_nine_tiles_and_four_cascades() -> None:
     assert [part.why for part in made["fom"].parts] == ["tiles of the 2048² atlas: 9 of 256²", "4 cascades"]
     assert len(dimmed_lamps(loaded.scene, loaded.settings)) == 9
     assert len(dimmed_suns(loaded.scene)) == 1
+
+
+@pytest.mark.parametrize("away", [3e3, 3e7, 9e9])
+def test_what_is_far_towards_the_sun_dims_as_it_does_nearby(away: float) -> None:
+    """A slab of optical depth ½ across the sun's way, by maps and by exact ways."""
+    far = LocalMedium(extinction=0.5 / (0.2 * away), transform=Transform(
+        translate=(0, away, 0), scale=(2 * away / 3, 0.1 * away, 2 * away / 3)))
+    scene = Scene(lights=(SUN,), local_media=(far,), camera=SCENE.camera)
+    below = tuple(np.array([c]) for c in (0.5, 1.0, 0.3))
+    scene = dataclasses.replace(scene, lights=(DirectionalLight(direction=(0, 1, 0), irradiance=(1, 1, 1)),))
+    assert sights_of(scene, HOW)[0](below)[0] == pytest.approx(np.exp(-0.5), abs=1e-9)
+    assert exact_sights(scene, HOW, load_assets(scene, None))[0](below)[0] == pytest.approx(np.exp(-0.5), abs=1e-9)
