@@ -26,7 +26,7 @@ from froxel_ref.cli_progress import Progress, progress
 from froxel_ref.records import InputError, shown
 
 if TYPE_CHECKING:
-    from froxel_ref.frame import Frame
+    from froxel_ref.frame import Frame, Plan
     from froxel_ref.scene_files import Loaded
 
 __all__ = ["main"]
@@ -269,9 +269,17 @@ def _run(loaded: Loaded, outputs: list[str] | None, progress: Progress) -> Frame
     from froxel_ref.assets import load_assets
     from froxel_ref.frame import plan, run_frame
 
-    plan(loaded.scene, loaded.settings, outputs)  # refuses a size beyond the memory before files are read
+    planned = plan(loaded.scene, loaded.settings, outputs)  # refuses a size beyond the memory before files are read
+    _tell_shortages(planned)
     assets = load_assets(loaded.scene, loaded.folder)
     return run_frame(loaded.scene, loaded.settings, assets=assets, outputs=outputs, progress=progress)
+
+
+def _tell_shortages(planned: Plan) -> None:
+    """Lights that the atlas of opacity maps has less room for than they ask."""
+    short = [f"{part.name}: {part.why}" for part in planned["fom"].parts if part.name.startswith("lights[")]
+    for line in [*short[:3], *[f"… and {len(short) - 3} more (see explain)"] * (len(short) > 3)]:
+        print("froxel-ref: note:", line, file=sys.stderr)
 
 
 # --- commands ---------------------------------------------------------------------------------------

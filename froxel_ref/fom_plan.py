@@ -16,8 +16,9 @@ from froxel_ref.settings import Settings
 from froxel_ref.shadow import map_kind
 
 __all__ = [
-    "assigned_tiles", "casting_particles", "crossing_bytes", "dimmed_lamps", "dimmed_suns", "dimming_media", "dims_light", "faces_shape",
-    "is_octahedral", "map_border", "map_bytes", "map_parts", "meets", "needs_maps", "particle_size", "used_texels",
+    "assigned_tiles", "casting_particles", "crossing_bytes", "dimmed_lamps", "dimmed_suns", "dimming_media",
+    "dims_light", "faces_shape", "is_octahedral", "map_border", "map_bytes", "map_parts", "meets", "needs_maps",
+    "particle_size", "used_texels",
 ]
 
 # Bytes that a crossing takes while it is made, measured, and what crossings take together at most.
@@ -40,12 +41,15 @@ def dimming_media(scene: Scene, *, local_only: bool = False) -> dict[int, Medium
     Raises
     ------
     InputError
-        An extinction is RGB: a map holds one number.
+        The extinction of a medium that may dim a light is RGB: a map holds one number.
     """
     found = {i: medium for i, medium in enumerate((*scene.global_media, *scene.local_media))
              if np.any(np.asarray(medium.extinction) > 0.0)}
+    casting = [light for light in scene.all_lights if _casts(light)]
+    lamps = any(isinstance(light, PointLight) for light in casting)
     for number, medium in found.items():
-        if isinstance(medium.extinction, tuple):
+        dims = casting if isinstance(medium, LocalMedium) else lamps
+        if dims and isinstance(medium.extinction, tuple):
             first = len(scene.global_media)
             place = f"global_media[{number}]" if number < first else f"local_media[{number - first}]"
             raise InputError(f"{place}.extinction", "is RGB, must be one number for volumetric shadows (or "

@@ -34,8 +34,8 @@ def table_panel(values: Field, width: int, *, rows: int = 12) -> Image:
         The panel; says how many lines it left out.
     """
     lines = [f"{k}:  {value:.0f}" for k, value in enumerate(values.tolist())] if values.ndim == 1 else [
-        f"light {k}, face {face}:   " + "   |   ".join("  ".join(_plain(v, numbers) for v in row)
-                                                       for row in np.atleast_2d(numbers))
+        f"map {k}, face {face}:   " + "   |   ".join("  ".join(_plain(v, numbers) for v in row)
+                                                     for row in np.atleast_2d(numbers))
         for k, light in enumerate(values) for face, numbers in enumerate(light)]
     shown = lines[:rows] + ([f"and {len(lines) - rows} more"] if len(lines) > rows else [])
     image = canvas(min(width, 220 if values.ndim == 1 else 1100), 20 * len(shown) + 12, PANEL)

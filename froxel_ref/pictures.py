@@ -388,7 +388,8 @@ def _stage(frame: Frame, planned: Planned, view: View, width: int) -> Image:
     if planned.runs:
         write(heading, (160, 19), f"runs: {planned.why}  ·  {planned.stage.about}", 19, FAINT, width - 160)
     else:
-        words = f"left out: {planned.why}  ·  its neutral values stand below"
+        below = any(frame.results[name].size for name in planned.stage.writes if name in frame.results)
+        words = f"left out: {planned.why}" + "  ·  its neutral values stand below" * below
         write(heading, (160, 19), words, 19, AMBER, width - 160)
     skipped = [f"{part.name} ({part.why})" for part in planned.parts if not part.runs]
     above = [name for name in planned.stage.writes if name in HERO and name in frame.results]

@@ -212,9 +212,9 @@ class OpacityMaps(Record):
             value = getattr(self, name)
             if value & (value - 1):
                 raise InputError(name, f"is {value}, must be a power of two")
-        if not self.smallest <= self.small <= self.large <= self.atlas:
-            raise InputError("large", f"is {self.large}, must be at least small ({self.small}), which must be at least "
-                                      f"smallest ({self.smallest}), and at most atlas ({self.atlas})")
+        for less, more in (("smallest", "small"), ("small", "large"), ("large", "atlas")):
+            if getattr(self, less) > getattr(self, more):
+                raise InputError(less, f"is {getattr(self, less)}, must be at most {more} ({getattr(self, more)})")
         if 3 * self.gutter > self.smallest:
             raise InputError("gutter", f"is {self.gutter}, must be at most a third of smallest ({self.smallest})")
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from froxel_ref import scene_files
 from froxel_ref.assets import load_assets
+from froxel_ref.cli import main
 from froxel_ref.fom_plan import assigned_tiles, dimmed_lamps, dimmed_suns, map_bytes
 from froxel_ref.fom_stage import LAMPS, SUNS, exact_sights, map_sights, opacity_maps
 from froxel_ref.frame import FINAL, QUANTITIES, Frame, plan, run_frame
@@ -358,11 +361,23 @@ def test_rgb_extinction_is_refused_by_name() -> None:
     with pytest.raises(InputError, match=r"^local_media\[1\]\.extinction: is RGB, must be one number for volumetric"):
         framed(scene)
     framed(scene, replace(HOW, volumetric_shadows="off"))
+    framed(dataclasses.replace(scene, lights=()))
+
+
+def test_rgb_extinction_is_refused_only_where_it_dims() -> None:
+    """A global medium does not dim a sun, whatever it is; a lamp's light it does."""
+    fog = dataclasses.replace(FOG, extinction=(0.01, 0.02, 0.03))
+    sunny = dataclasses.replace(SCENE, lights=(SUN,), global_media=(fog,))
+    for way in ("maps", "exact"):
+        framed(sunny, replace(HOW, volumetric_shadows=way))
+        with pytest.raises(InputError, match=r"^global_media\[0\]\.extinction: is RGB"):
+            framed(dataclasses.replace(sunny, lights=(SUN, LAMP)), replace(HOW, volumetric_shadows=way))
 
 
 @pytest.mark.parametrize(("field", "value", "words"), [
-    ("small", 100, "must be a power of two"), ("large", 64, "must be at least small"),
-    ("atlas", 128, "at most atlas"), ("smallest", 256, "must be at least smallest"),
+    ("small", 100, "must be a power of two"), ("large", 64, r"^small: is 128, must be at most large \(64\)"),
+    ("atlas", 128, r"^large: is 256, must be at most atlas \(128\)"),
+    ("smallest", 256, r"^smallest: is 256, must be at most small \(128\)"),
     ("harmonics", -1, "must be"), ("step", 0.0, "must be"), ("most_steps", 0, "must be"),
     ("storage", "float8", "must be|did you mean|is not"), ("gutter", 9, "must be"),
 ])
@@ -389,3 +404,19 @@ def test_what_is_far_towards_the_sun_dims_as_it_does_nearby(away: float) -> None
     scene = dataclasses.replace(scene, lights=(DirectionalLight(direction=(0, 1, 0), irradiance=(1, 1, 1)),))
     assert sights_of(scene, HOW)[0](below)[0] == pytest.approx(np.exp(-0.5), abs=1e-9)
     assert exact_sights(scene, HOW, load_assets(scene, None))[0](below)[0] == pytest.approx(np.exp(-0.5), abs=1e-9)
+
+
+def test_a_lamp_without_room_is_told_on_the_way(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lights = [{"type": "point", "position": [x, 1, -4], "intensity": [5, 5, 5], "radius": 6} for x in range(6)]
+    document = {"schema": 1, "scene": {"lights": lights, "global_media": [{"extinction": 0.1}]},
+                "settings": {"volumetric_shadows": "maps", "opacity_maps": {"atlas": 256}}}
+    scene = tmp_path / "many.json"
+    scene.write_text(json.dumps(document))
+    made = ["render", str(scene), "-o", str(tmp_path / "many.png"), "--size", "16x9", "--grid", "8x4x4"]
+    assert main(made) == 0
+    told = capsys.readouterr().err.splitlines()
+    assert [line for line in told if "note" in line] == [
+        f"froxel-ref: note: lights[{number}]: fog and particles do not dim it: the atlas has no room for 64²"
+        for number in (1, 2, 3)] + ["froxel-ref: note: … and 2 more (see explain)"]
+    assert main([*made, "--force", "--set", "settings.opacity_maps.atlas=2048"]) == 0
+    assert "note" not in capsys.readouterr().err
