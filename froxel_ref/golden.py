@@ -25,7 +25,8 @@ from froxel_ref.assets import checksums
 from froxel_ref.image_files import write_png
 from froxel_ref.output import check_folder, check_space, read_manifest, whole_folder
 from froxel_ref.quantities import QUANTITIES, Quantity
-from froxel_ref.scene import Camera
+from froxel_ref.records import to_json
+from froxel_ref.scene import Camera, ParticleCloud, Scene
 from froxel_ref.scene_files import Loaded, document
 from froxel_ref.settings import SWITCHES, Grid
 from froxel_ref.stages import STAGES
@@ -265,6 +266,13 @@ def _stage_entries(frame: Frame) -> list[dict[str, Any]]:
     return entries
 
 
+def _strewn(scene: Scene) -> dict[str, Any]:
+    """What the scene strews from seeds, written out: nobody else has NumPy's generator."""
+    particles = [each for cloud in scene.particles if isinstance(cloud, ParticleCloud) for each in cloud.particles()]
+    return {"particles": [to_json(each) for each in particles],
+            "lights": [to_json(light) for light in scene.extra_lights.lights()]}
+
+
 def _plain(array: Field) -> Any:
     """A constant as JSON, which knows no infinity."""
     values = [v if math.isfinite(v) else str(v) for v in np.unique(array).tolist()]
@@ -330,6 +338,7 @@ def write_golden(frame: Frame, loaded: Loaded, folder: Path, *, force: bool = Fa
             "made_by": {"froxel-ref": __version__, "numpy": np.__version__},
             "input": document(loaded.scene, loaded.settings),
             "resolved_switches": {name: getattr(loaded.settings, name) for name in SWITCHES},
+            "strewn": _strewn(loaded.scene),
             "input_files": checksums(loaded.scene, loaded.folder),
             "stages": _stage_entries(frame), "contact_sheet": CONTACT_SHEET,
         }

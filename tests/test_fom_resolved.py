@@ -310,3 +310,31 @@ def test_bumps_of_any_width_anywhere() -> None:
         shares.append(found / np.maximum(series, 1e-5))
     assert (np.array(shares) > 1.2).mean() < 0.02
     assert np.array(shares).max() < 3.5
+
+
+@pytest.mark.parametrize("harmonics", [1, 3, 5])
+def test_channels_are_as_conventions_have_them(harmonics: int) -> None:
+    """Each number by its place in CONVENTIONS, one at a time, for layers and bumps that use every part."""
+    rng = np.random.default_rng(4)
+    starts = rng.random((2, 40))
+    made = segment_coefficients(starts, np.minimum(starts + rng.choice([0.0, 0.3], (2, 40)), 1.0),
+                                rng.uniform(0.1, 4.0, (2, 40)), harmonics=harmonics)
+    found, k = resolve(made), harmonics
+    depths = np.linspace(0.0, 1.0, 41)
+    want = np.empty((41, 40))
+    for j, texel in enumerate(found.T.tolist()):
+        a, b = texel[1:k + 2], texel[k + 2:2 * k + 3]
+        arcs = zip(texel[2 * k + 3:3 * k + 4], texel[3 * k + 4:4 * k + 5], texel[4 * k + 5:5 * k + 6], strict=True)
+        arcs, pieces = list(arcs), list(zip(texel[5 * k + 7:6 * k + 7], texel[6 * k + 7:7 * k + 7], strict=True))
+        for i, d in enumerate(depths.tolist()):
+            at = next((s for s, e, _ in arcs if s < d < e), d)
+            tau = 0.5 * a[0] * at + sum(lost for _, e, lost in arcs if e <= d)
+            for n in range(1, k + 1):
+                w = 2.0 * np.pi * n
+                tau += a[n] * np.sin(w * at) / w + b[n] * (1.0 - np.cos(w * at)) / w
+            tau += texel[5 * k + 6] * sum(
+                np.clip(d - u, 0, v) + np.clip(d - u + 1, 0, v) - np.clip(1 - u, 0, v) for u, v in pieces)
+            want[i, j] = texel[0] if d == 1.0 else min(max(tau, 0.0), texel[0])
+    assert (found[5 * k + 6] > 0.0).any()
+    assert (found[2 * k + 3] < 1.0).any()
+    np.testing.assert_allclose(resolved_depth(found, depths[:, None]), want, rtol=0, atol=1e-12)

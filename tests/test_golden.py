@@ -21,14 +21,18 @@ from froxel_ref.cli import main
 from froxel_ref.frame import Frame, run_frame
 from froxel_ref.golden import MANIFEST, GoldenSet, check_target, golden_bytes, gpu_array, write_golden
 from froxel_ref.quantities import QUANTITIES
-from froxel_ref.records import InputError
+from froxel_ref.records import InputError, from_json
 from froxel_ref.scene import (
     Camera,
     DensityTexture,
     DirectionalLight,
+    ExtraLights,
     LocalMedium,
     Medium,
+    Particle,
+    ParticleCloud,
     Plane,
+    PointLight,
     Scene,
     VolumeDensity,
 )
@@ -545,3 +549,19 @@ def test_a_disk_that_is_too_small_is_refused_before_anything_is_written(
     with pytest.raises(InputError, match=r"^output: '.*/set' needs about 4 MB, its disk has 1 MB free$"):
         write_golden(small, loaded(), tmp_path / "set")
     assert not os.listdir(tmp_path)
+
+
+def test_what_seeds_strew_is_written_out(tmp_path: Path) -> None:
+    """A port has not NumPy's generator: without the clouds and extra lights, but with their items, the same frame."""
+    cloud = ParticleCloud(name="puff", count=5, seed=7, low=(-1, 0, -6), high=(1, 2, -4))
+    scene = Scene(camera=Camera(width=8, height=6), particles=(cloud,), global_media=(Medium(),),
+                  extra_lights=ExtraLights(count=3, low=(-2, 0, -8), high=(2, 2, -2)))
+    how = Settings(grid=Grid(width=4, height=3, depth=4))
+    frame = run_frame(scene, how)
+    strewn = write_golden(frame, Loaded(scene, how, None), tmp_path / "set").manifest["strewn"]
+    assert json.loads((tmp_path / "set" / MANIFEST).read_text("utf-8"))["strewn"] == strewn
+    lights = tuple(from_json(PointLight, each) for each in strewn["lights"])
+    particles = tuple(from_json(Particle, each) for each in strewn["particles"])
+    assert len(lights) == 3
+    written = dataclasses.replace(scene, particles=particles, lights=lights, extra_lights=ExtraLights())
+    np.testing.assert_array_equal(run_frame(written, how)["apply/radiance"], frame["apply/radiance"])
