@@ -249,7 +249,7 @@ def _lamp(light: PointLight, out: Field, scene: Scene, settings: Settings, dimmi
         reached = distance < reach
         return Crossings(ray[reached], particle[reached], distance[reached], tau[reached])
 
-    return _Lamp(light, ways, target, reach, near, crossed(dimming.particles, cross, keep=keep))
+    return _Lamp(light, ways, target, reach, near, crossed(dimming.particles, cross, rays=flat.shape[1], keep=keep))
 
 
 def _lamp_span(lamp: _Lamp, settings: Settings) -> tuple[float, float]:
@@ -338,13 +338,14 @@ def sun_cascades(scene: Scene, settings: Settings, dimming: Dimming, suns: Mappi
         views = opacity_cascades(light, scene.camera, settings.grid, settings.shadow_maps, settings.opacity_maps)
         for face, view in enumerate(views):
             matrix[k, face] = raster_from_world(view)
-            tasks.append(_cascade_task(light, view, dimming, coefficients[k, face], span[k, face], settings))
+            tasks.append(_cascade_task(light, view, dimming, coefficients[k, face], span[k, face], settings,
+                                       KEPT // (len(suns) * shape[0])))
     blocks.run(lambda task: task(), tasks, threads=threads)
     return Cascades(np.array(list(suns), np.int64), span, matrix, coefficients)
 
 
 def _cascade_task(light: DirectionalLight, view: LightRaster, dimming: Dimming, out: Field, ends: Field,
-                  settings: Settings) -> Callable[[], None]:
+                  settings: Settings, keep: int) -> Callable[[], None]:
     size = out.shape[-1]
 
     def fill() -> None:
@@ -352,7 +353,7 @@ def _cascade_task(light: DirectionalLight, view: LightRaster, dimming: Dimming, 
         x, y, z = light.direction
         particles = crossed(dimming.particles, lambda some: sun_hits(
             some, np.asarray(lines.origin, np.float64), (-x, -y, -z), depth=settings.fom_particles,
-            size=particle_size(settings), least_transmittance=_least(settings)))
+            size=particle_size(settings), least_transmittance=_least(settings)), rays=size * size, keep=keep)
         span = _cascade_span(lines, particles, dimming, settings)
         # Rounded first, so that a lookup has the very range that the coefficients are made for.
         near, far = (end.astype(out.dtype) for end in span)

@@ -14,17 +14,22 @@ from froxel_ref.billboards import Particles, reaches
 from froxel_ref.fom import sample_coefficients
 from froxel_ref.fom_lookup import planes_of
 
-__all__ = ["KEPT", "Crossed", "add_crossings", "casting", "crossed", "crossing_span"]
+__all__ = [
+    "AT_ONCE", "CROSSING", "KEPT", "KEPT_CROSSING", "Crossed", "add_crossings", "casting", "crossed", "crossing_span",
+]
 
 Integers: TypeAlias = NDArray[np.intp]
 
 Crossed: TypeAlias = Callable[[], Iterable[tuple[Particles, Crossings]]]
 """Some particles at a time, and where rays cross them; may be asked more than once."""
 
-# Particles that are crossed at first; then as many as are likely to have this many crossings.
-FEW, AT_ONCE = 16, 1 << 19
-# Crossings that are kept for being asked again, 32 bytes each.
+# Crossings that are likely at a time: first one for each ray and particle, then as many as there were. No fewer than
+# one particle's.
+AT_ONCE = 1 << 19
+# Crossings that are kept for being asked again.
 KEPT = 1 << 22
+# Bytes of a crossing while it is worked out, and while it is kept; measured.
+CROSSING, KEPT_CROSSING = 320, 32
 
 
 def casting(particles: Particles) -> Particles:
@@ -57,7 +62,8 @@ def chosen(particles: Particles, some: Integers | slice) -> Particles:
                                  if name != "textures"})
 
 
-def crossed(particles: Particles, cross: Callable[[Particles], Crossings], *, keep: int = KEPT) -> Crossed:
+def crossed(particles: Particles, cross: Callable[[Particles], Crossings], *, rays: int = 1, keep: int = KEPT
+            ) -> Crossed:
     """Cross particles a few at a time, so that memory stays bounded however many there are.
 
     Parameters
@@ -65,6 +71,8 @@ def crossed(particles: Particles, cross: Callable[[Particles], Crossings], *, ke
     particles : Particles
     cross : callable
         From some particles to where rays cross them.
+    rays : int
+        How many there are.
     keep : int
         Crossings to keep at most: of the first particles, as far as it goes. The others are crossed each time.
 
@@ -82,14 +90,14 @@ def crossed(particles: Particles, cross: Callable[[Particles], Crossings], *, ke
     >>> none = Crossings(*(np.zeros(0, np.intp),) * 4)
     >>> parts = crossed(placed_particles(scene, load_assets(scene, None)), lambda some: none)
     >>> [some.size.size for some, _ in parts()]
-    [16, 64, 220]
+    [300]
     """
     kept: list[tuple[Particles, Crossings]] = []
 
     def pieces() -> Iterator[tuple[Particles, Crossings]]:
         yield from tuple(kept)
         begin, held = sum(part.size.size for part, _ in kept), sum(found.ray.size for _, found in kept)
-        few = FEW
+        few = max(1, AT_ONCE // rays)
         while begin < particles.size.size:
             part = chosen(particles, slice(begin, begin + few))
             found = cross(part)

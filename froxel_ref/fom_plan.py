@@ -6,6 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from froxel_ref.blocks import available_threads
+from froxel_ref.fom_particles import AT_ONCE, CROSSING, KEPT, KEPT_CROSSING
 from froxel_ref.fom_views import Wanted, assign_tiles, lamp_reach
 from froxel_ref.geometry import bounding_radius
 from froxel_ref.jobs import Part
@@ -20,9 +22,6 @@ __all__ = [
     "dims_light", "faces_shape", "is_octahedral", "map_border", "map_bytes", "map_parts", "meets", "needs_maps",
     "particle_size", "used_texels",
 ]
-
-# Bytes that a crossing takes while it is made, measured, and what crossings take together at most.
-CROSSING, HELD = 128, 480 << 20
 
 
 def dimming_media(scene: Scene, *, local_only: bool = False) -> dict[int, Medium]:
@@ -417,7 +416,7 @@ def crossing_bytes(scene: Scene, settings: Settings) -> int:
     Returns
     -------
     int
-        Bytes: what a crossing needs, if every ray crosses every particle, up to what is held at a time.
+        Bytes: if every ray crosses every particle, up to what threads work on at a time and what is kept.
 
     Examples
     --------
@@ -428,6 +427,9 @@ def crossing_bytes(scene: Scene, settings: Settings) -> int:
     if settings.volumetric_shadows != "maps" or not particles:
         return 0
     maps = settings.opacity_maps
-    texels = (len(dimmed_lamps(scene, settings)) * maps.large**2
-              + len(dimmed_suns(scene)) * settings.shadow_maps.cascades * maps.directional_size**2)
-    return min(CROSSING * particles * texels, HELD)
+    lamps, faces = len(dimmed_lamps(scene, settings)), len(dimmed_suns(scene)) * settings.shadow_maps.cascades
+    largest = max(maps.large**2 * (lamps > 0), maps.directional_size**2 * (faces > 0))
+    most = particles * (lamps * maps.large**2 + faces * maps.directional_size**2)
+    # One particle has up to one crossing a ray; of several there may be more than were meant.
+    working = available_threads() * max(largest, 2 * AT_ONCE)
+    return min(most, working) * CROSSING + min(most, KEPT) * KEPT_CROSSING

@@ -206,6 +206,11 @@ def _check_size(scene: Scene, settings: Settings) -> None:
         raise InputError(
             "settings.shadow_maps", f"need up to {maps / 2**30:,.1f} GiB for depths alone, all must stay below 80 % of "
             f"this machine's {have / 2**30:,.1f} GiB")
+    opacity = opacity_bytes(scene, settings)
+    if need > 0.8 * have and opacity > 0.5 * need:
+        raise InputError(
+            "settings.opacity_maps", f"need up to {opacity / 2**30:,.1f} GiB, all must stay below 80 % of this "
+            f"machine's {have / 2**30:,.1f} GiB")
     if need > 0.8 * have:
         g, c = settings.grid, scene.camera
         raise InputError(

@@ -15,7 +15,7 @@ from froxel_ref.assets import load_assets
 from froxel_ref.billboard_shadows import Crossings, lamp_hits
 from froxel_ref.billboards import Particles, placed_particles
 from froxel_ref.cli import main
-from froxel_ref.fom_particles import casting, crossed
+from froxel_ref.fom_particles import AT_ONCE, casting, crossed
 from froxel_ref.fom_plan import dimmed_lamps, dimmed_suns
 from froxel_ref.fom_stage import exact_sights, map_sights, opacity_maps
 from froxel_ref.frame import FINAL, estimate_bytes, plan, run_frame, working_bytes
@@ -32,7 +32,7 @@ from froxel_ref.scene import (
     Scene,
     SpotLight,
 )
-from froxel_ref.settings import Grid, OpacityMaps, Settings, replace
+from froxel_ref.settings import Grid, OpacityMaps, Settings, ShadowMaps, replace
 from froxel_ref.truth import trace
 from froxel_ref.truth_image import render_truth
 
@@ -264,7 +264,7 @@ def test_what_is_kept_of_crossings_changes_nothing() -> None:
     whole = cross(ready)
     for keep in (0, whole.ray.size // 2, whole.ray.size):
         asked.clear()
-        parts = crossed(ready, cross, keep=keep)
+        parts = crossed(ready, cross, rays=AT_ONCE // 16, keep=keep)  # 16 particles at first
         for _ in range(2):
             found = [crossings for _, crossings in parts()]
             order = np.concatenate([each.distance for each in found])
@@ -272,3 +272,27 @@ def test_what_is_kept_of_crossings_changes_nothing() -> None:
         assert 200 <= sum(asked) <= 400
         assert (sum(asked) == 200) == (keep == whole.ray.size)
         assert (sum(asked) == 400) == (keep == 0)
+
+
+@pytest.mark.parametrize("light", ["sun", "lamp"])
+def test_memory_stays_below_its_estimate_on_large_maps(light: str) -> None:
+    """Sixteen particles that cover every ray of maps of 1024²: 16 million crossings a map."""
+    cloud = ParticleCloud(count=16, low=(-0.4, 0.4, -0.4), high=(0.4, 1.2, 0.4), size=(90, 100), profile="square")
+    what = SUN if light == "sun" else dataclasses.replace(LAMP, position=(0, 0.5, 0), radius=300)
+    scene = Scene(particles=(cloud,), lights=(what,), camera=CAMERA)
+    how = replace(HOW, opacity_maps=OpacityMaps(directional_size=1024, large=1024), shadow_maps=ShadowMaps(cascades=1))
+    assets = load_assets(scene, None)
+    tracemalloc.start()
+    try:
+        opacity_maps(scene, how, assets)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < estimate_bytes(scene, how) + working_bytes(scene, how)
+
+
+def test_opacity_maps_too_large_are_named() -> None:
+    how = replace(HOW, opacity_maps=OpacityMaps(directional_size=4096, harmonics=32, reconstruction="resolved"),
+                  shadow_maps=ShadowMaps(cascades=16))
+    with pytest.raises(InputError, match=r"^settings\.opacity_maps: need up to [0-9.]+ GiB, "):
+        plan(Scene(particles=(PUFF,), lights=(SUN,), camera=CAMERA), how)
