@@ -219,7 +219,8 @@ def resolved_depth(resolved: Field, depth: Field) -> Array:
     Returns
     -------
     ndarray [1]
-        0 at depth 0 and a_0/2, the whole, at depth 1, both exactly; in between never falling, but for rounding of the whole.
+        0 at depth 0 and a_0/2, the whole, at depth 1, both exactly; in between never falling, but for rounding of the
+        whole.
 
     Notes
     -----
