@@ -13,6 +13,7 @@ from froxel_ref.kinds import many, nested, text, vector
 from froxel_ref.records import InputError, Record
 from froxel_ref.scene_lights import DirectionalLight, ExtraLights, Light, PointLight, SpotLight
 from froxel_ref.scene_media import DensityTexture, HeightFog, LocalMedium, Medium, NoiseDensity, VolumeDensity
+from froxel_ref.scene_motion import Key, Track, check_tracks
 from froxel_ref.scene_particles import Billboard, Particle, ParticleCloud
 from froxel_ref.scene_space import (
     BLACK,
@@ -46,9 +47,9 @@ from froxel_ref.scene_surfaces import (
 __all__ = [
     "BLACK", "LIGHT", "LONGEST", "PLACE", "RATE", "SHORTEST", "SINGULAR", "SIZE", "STRONGEST", "WHITE", "WIDEST",
     "Billboard", "Box", "Camera", "DensityTexture", "DirectionalLight", "ExtraLights", "Folds", "HeightField",
-    "HeightFog", "HeightsFile", "ImageBuffers", "Light", "LocalMedium", "Medium", "Mesh", "NoiseDensity", "Particle",
-    "ParticleCloud", "Plane", "PointLight", "Rgb", "Scene", "Sphere", "SpotLight", "Surface", "Transform", "Vec3",
-    "VolumeDensity",
+    "HeightFog", "HeightsFile", "ImageBuffers", "Key", "Light", "LocalMedium", "Medium", "Mesh", "NoiseDensity",
+    "Particle", "ParticleCloud", "Plane", "PointLight", "Rgb", "Scene", "Sphere", "SpotLight", "Surface", "Track",
+    "Transform", "Vec3", "VolumeDensity",
 ]
 
 
@@ -73,9 +74,12 @@ class Scene(Record):
         BLACK, "radiance that arrives from every direction", unit="W m^-2 sr^-1", **LIGHT)
     background: Rgb = vector(BLACK, "radiance where a ray hits nothing", unit="W m^-2 sr^-1", **LIGHT)
 
+    tracks: tuple[Track, ...] = many(Track, about="what changes over time; all else is as it stands")
+
     def check_together(self) -> None:
         if self.image_buffers is not None and self.surfaces:
             raise InputError("image_buffers", "is given beside surfaces, must be given instead of them")
+        check_tracks(self)
 
     @property
     def all_lights(self) -> tuple[Light, ...]:

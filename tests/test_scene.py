@@ -186,7 +186,7 @@ NAN, INF = float("nan"), float("inf")
     ({"particles": [{"type": "cloud", "opacity": [0.5]}]}, "particles[0].opacity: has 1 numbers, must have 2"),
     ({"ambient": [0, 0, -1]}, "ambient[2]: is -1, must be at least 0 W m^-2 sr^-1"),
     ({"fog": 1}, "fog: is not a key here; known: ambient, background, camera, description, extra_lights, "
-                 "global_media, image_buffers, lights, local_media, name, particles, surfaces"),
+                 "global_media, image_buffers, lights, local_media, name, particles, surfaces, tracks"),
 ])
 def test_what_is_refused_is_named_in_one_line(raw: object, message: str) -> None:
     with pytest.raises(InputError) as caught:
@@ -219,7 +219,8 @@ def test_there_are_numeric_fields() -> None:
 def test_nan_and_infinity_are_refused_everywhere(
         cls: type[Record], name: str, length: int, bad: float) -> None:
     required = {"direction": [0, 1, 0], "irradiance": [1] * 3, "position": [0] * 3, "intensity": [1] * 3,
-                "path": "a", "depth": "a", "source": {"type": "noise"}, "heights": {"type": "folds"}}
+                "path": "a", "depth": "a", "source": {"type": "noise"}, "heights": {"type": "folds"},
+                "time": 0, "value": 0}
     names = {field.name for field in dataclasses.fields(cls)}
     values = {key: value for key, value in required.items() if key in names}
     values[name] = [1] * (length - 1) + [bad] if length else bad

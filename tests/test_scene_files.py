@@ -347,7 +347,10 @@ def one_of_each() -> dict[str, Any]:
         '{"type": "box", "transform": {"matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]}},'
         '{"type": "height_field", "heights": {"type": "folds"}},'
         '{"type": "height_field", "heights": {"type": "file", "path": "a"}}]',
-        'particles=[{"type": "particle", "position": [0, 0, 0], "texture": "a"}, {"type": "cloud"}]'])
+        'particles=[{"type": "particle", "position": [0, 0, 0], "texture": "a"}, {"type": "cloud"}]',
+        'tracks=[{"path": "camera.exposure", "keys": [{"time": 0, "value": 1}, {"time": 2, "value": 0.5}]},'
+        '{"path": "ambient", "keys": [{"time": 1, "value": [0, 0.5, 1]}], "interpolation": "smooth",'
+        ' "repeat": "loop"}]'])
     return document(whole.scene, whole.settings)
 
 
