@@ -17,7 +17,7 @@ from collections.abc import Callable
 import numpy as np
 from timing import Timing, interleaved, table
 
-from froxel_ref import culling, lamp_batches, lighting, scene_files, shading, stages, surface
+from froxel_ref import culling, fog_stages, lamp_batches, lighting, scene_files, shading, surface
 from froxel_ref.assets import load_assets
 from froxel_ref.blocks import available_threads
 from froxel_ref.culling import Tiling
@@ -43,7 +43,7 @@ class Case:
         self.lights = {i: light for i, light in enumerate(self.scene.all_lights) if isinstance(light, PointLight)}
         self.froxels: Froxels = make_froxels(camera, grid, dtype=precision)
         self.tiling: Tiling = culling.make_tiling(camera, depth_range=(grid.near, grid.far))
-        self.vbuffer = stages.v_buffer(run_frame(self.scene, self.settings, assets=assets, outputs=MEDIA).results)
+        self.vbuffer = fog_stages.v_buffer(run_frame(self.scene, self.settings, assets=assets, outputs=MEDIA).results)
         self.rays = camera_rays(camera, camera.width, camera.height, dtype=precision)
         self.hits = surface.find_surfaces(self.scene.surfaces, self.rays, assets)
         self.culled = self.cull()

@@ -20,14 +20,15 @@ from froxel_ref.culling import list_shapes
 from froxel_ref.fom_plan import crossing_bytes
 from froxel_ref.fom_plan import map_bytes as opacity_bytes
 from froxel_ref.forcing import forced
-from froxel_ref.jobs import Job, Part, Stage
+from froxel_ref.jobs import History, Job, Part, Stage
 from froxel_ref.lights import with_intensities
 from froxel_ref.quantities import FINAL, QUANTITIES, Quantity
-from froxel_ref.records import InputError, suggest
+from froxel_ref.records import InputError, shown, suggest
 from froxel_ref.scene import Folds, HeightField, PointLight, Scene
 from froxel_ref.settings import Settings
 from froxel_ref.shadow_stage import map_bytes
 from froxel_ref.stages import STAGES
+from froxel_ref.temporal_stage import HISTORY
 
 __all__ = [
     "FINAL", "QUANTITIES", "Frame", "Plan", "Planned", "Quantity", "estimate_bytes", "plan", "run_frame",
@@ -76,7 +77,7 @@ class Frame:
     """The results of a run by name, the plan that made them, and seconds per stage.
 
     ``kept`` holds what the next frame may take over if nothing that it depends on has changed (shadow maps);
-    ``reused`` names the results that this frame took over.
+    ``reused`` names the results that this frame took over. ``history`` is what temporal filters hand to the next.
     """
 
     results: Mapping[str, Field]
@@ -86,6 +87,7 @@ class Frame:
     settings: Settings
     kept: Mapping[tuple[str, ...], tuple[Hashable, Mapping[str, Field]]] = field(default_factory=dict)
     reused: tuple[str, ...] = ()
+    history: History | None = None
 
     def __getitem__(self, name: str) -> Field:
         if name not in self.results:
@@ -123,13 +125,21 @@ def estimate_bytes(scene: Scene, settings: Settings) -> int:
     tints = 3 if any(isinstance(medium.extinction, tuple) for medium in media) else 1
     total = 0
     for name, quantity in QUANTITIES.items():
-        if name.startswith(("shadow/", "fom/", "culling/")):
+        if name.startswith(("shadow/", "fom/", "culling/")) or _idle(name, settings):
             continue
         size = {"c": 3, "l": lobes} | (sizes if "z" in quantity.axes or quantity.on_grid else image)
         tinted = name.endswith(("extinction", "transmittance")) and not name.startswith("particles/")
         total += math.prod(size[axis] for axis in quantity.axes) * (tints if tinted else 1)
     return (total * np.dtype(settings.precision).itemsize + map_bytes(scene, settings)
             + opacity_bytes(scene, settings) + _list_bytes(scene, settings))
+
+
+def _idle(name: str, settings: Settings) -> bool:
+    """Whether a result of temporal filters is empty."""
+    filters = settings.temporal.filter != "off" or settings.checkerboard
+    if name.endswith("/unphased"):
+        return settings.temporal.filter != "unphased"
+    return name.startswith("temporal/") and not filters
 
 
 def _bounded(scene: Scene) -> tuple[int, int]:
@@ -268,7 +278,8 @@ def plan(scene: Scene, settings: Settings | None = None, outputs: Iterable[str] 
 
 def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets | None = None,
               outputs: Iterable[str] | None = None, force_all: bool = False, threads: int | None = None,
-              progress: Progress | None = None, previous: Frame | None = None) -> Frame:
+              progress: Progress | None = None, previous: Frame | None = None, frame: int = 0,
+              cut: bool = False) -> Frame:
     """Compute a frame: every stage that its plan keeps, in order.
 
     Parameters
@@ -287,8 +298,13 @@ def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets 
     progress : callable, optional
         Called as ``progress(stage, index, count)`` before each stage.
     previous : Frame, optional
-        An earlier frame, whose shadow and opacity maps are taken over where nothing that they depend on has
-        changed. The result is the same to the last bit, for assets as `load_assets` gives them.
+        The frame before. Its shadow and opacity maps are taken over where nothing that they depend on has
+        changed: the result is the same to the last bit, for assets as `load_assets` gives them. Temporal filters
+        go on from its history.
+    frame : int
+        Number in a sequence, from 0: of jitter, noise and checkerboard.
+    cut : bool
+        Whether what is seen has nothing to do with the frame before: history begins anew.
 
     Returns
     -------
@@ -314,12 +330,14 @@ def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets 
     """
     if previous is not None and not isinstance(previous, Frame):
         raise InputError("previous", f"is a {type(previous).__name__}, must be a Frame")
+    if isinstance(frame, bool) or not isinstance(frame, int | np.integer) or frame < 0:
+        raise InputError("frame", f"is {shown(frame)}, must be a whole number of at least 0")
     settings = settings or Settings()
     the_plan = plan(scene, settings, outputs, force_all=force_all)
     if assets is None:
         assets = load_assets(scene, None)
     job = Job(with_intensities(scene, settings.light_power), settings, assets, threads, force_all,
-              frozenset(the_plan.outputs))
+              frozenset(the_plan.outputs), int(frame), None if previous is None or cut else previous.history)
     if force_all:
         job = forced(job)
     running = [planned.stage for planned in the_plan.stages if planned.runs]
@@ -330,6 +348,7 @@ def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets 
     timings = {}
     kept: dict[tuple[str, ...], tuple[Hashable, Mapping[str, Field]]] = {}
     reused: list[str] = []
+    held: dict[str, Field] = {}
     for index, stage in enumerate(running):
         if progress is not None:
             progress(stage.name, index, len(running))
@@ -341,8 +360,20 @@ def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets 
         timings[stage.name] = time.perf_counter() - begin
         kept |= {group: (key, {name: made[name] for name in group}) for group, key in keys.items()}
         reused += known
+        held |= {name: made[name] for name in HISTORY if name in made}
         results |= made
         still_read = {name for later in running[index + 1:] for name in later.reads} | set(the_plan.outputs)
         results = {name: field for name, field in results.items() if name in still_read}
     wanted = {name: results[name] for name in QUANTITIES if name in results and name in the_plan.outputs}
-    return Frame(wanted, the_plan, timings, scene, settings, kept, tuple(reused))
+    return Frame(wanted, the_plan, timings, scene, settings, kept, tuple(reused), _history(job, held))
+
+
+def _history(job: Job, held: Mapping[str, Field]) -> History | None:
+    """What temporal filters hand to the next frame; nothing where none ran."""
+    if not held:
+        return None
+    for array in held.values():
+        array.flags.writeable = False
+    length = 1 if job.history is None else job.history.length + 1
+    exposure = job.scene.camera.exposure if job.settings.exposure == "lighting" else 1.0
+    return History(held, job.scene.camera, job.settings.grid, exposure, length)

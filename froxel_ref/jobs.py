@@ -12,10 +12,25 @@ from froxel_ref.arrays import Field
 from froxel_ref.assets import Assets
 from froxel_ref.geometry import Rays, camera_rays
 from froxel_ref.grid import Froxels, make_froxels
-from froxel_ref.scene import Scene
-from froxel_ref.settings import Settings
+from froxel_ref.jitter import froxel_jitter
+from froxel_ref.scene import Camera, Scene
+from froxel_ref.settings import Grid, Settings
 
-__all__ = ["Job", "Need", "Part", "Results", "Same", "Stage"]
+__all__ = ["History", "Job", "Need", "Part", "Results", "Same", "Stage"]
+
+
+@dataclass(frozen=True)
+class History:
+    """What a frame hands to the next: its filtered fields and image, and where they were seen from.
+
+    ``length`` counts the frames that it holds since it was begun.
+    """
+
+    fields: Mapping[str, Field]
+    camera: Camera
+    grid: Grid
+    exposure: float
+    length: int
 
 
 @dataclass(frozen=True)
@@ -23,7 +38,8 @@ class Job:
     """What every stage may look at: the scene, the settings, the files' arrays, and how to run.
 
     ``full`` forces every part with fields that carry all their axes; ``asked`` names the results to keep,
-    for a stage that has some which no other stage reads.
+    for a stage that has some which no other stage reads. ``frame`` is this frame's number in a sequence, ``history``
+    what the one before it hands on.
     """
 
     scene: Scene
@@ -32,15 +48,35 @@ class Job:
     threads: int | None = None
     full: bool = False
     asked: frozenset[str] = frozenset()
+    frame: int = 0
+    history: History | None = None
 
     @property
     def dtype(self) -> np.dtype[np.floating]:
         """Type of the arithmetic."""
         return np.dtype(self.settings.precision)
 
+    @property
+    def jitter(self) -> tuple[float, float, float]:
+        """Where in its froxel this frame's sample lies."""
+        how = self.settings
+        if how.temporal.filter == "off" or how.jitter == "off":
+            return 0.5, 0.5, 0.5
+        # Each colour of a checkerboard has its turn at every point.
+        hold = 2 if how.checkerboard and how.jitter == "centred" else 1
+        return froxel_jitter(self.frame, points=how.jitter, hold=hold)
+
     @cached_property
     def froxels(self) -> Froxels:
-        """The froxel grid of this camera."""
+        """The froxel grid of this camera, its samples where this frame has them."""
+        froxels = make_froxels(self.scene.camera, self.settings.grid, jitter=self.jitter, dtype=self.dtype)
+        return froxels._replace(rays=_whole(froxels.rays)) if self.full else froxels
+
+    @cached_property
+    def centres(self) -> Froxels:
+        """The froxel grid with the samples in the middle."""
+        if self.jitter == (0.5, 0.5, 0.5):
+            return self.froxels
         froxels = make_froxels(self.scene.camera, self.settings.grid, dtype=self.dtype)
         return froxels._replace(rays=_whole(froxels.rays)) if self.full else froxels
 

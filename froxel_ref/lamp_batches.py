@@ -192,7 +192,7 @@ def _lay_out(lamps: Lamps, chosen: list[int], areas: list[list[int]], count: int
 
 
 def _terms(lobe: Lobe, z: slice, y: slice, shape: tuple[int, ...], dtype: Type) -> Terms:
-    if lobe.g.size == 1:
+    if not lobe.varies:
         sign = np.full((1, 1, 1), -1.0, dtype) if lobe.g[0, 0, 0] < 0.0 else None
         return Terms(lobe.g, _slope(lobe.g).astype(dtype), sign)
     g = part(lobe.g, z, y)

@@ -45,6 +45,8 @@ class Lobe(NamedTuple):
         Phase anisotropy; one float64 number where it does not vary.
     careful : bool
         Henyey–Greenstein only: whether d + s must be formed without cancellation.
+    varies : bool
+        Whether g does, if not here then in another piece of the grid.
     """
 
     scattering: Field
@@ -53,11 +55,12 @@ class Lobe(NamedTuple):
     name: str
     g: Field
     careful: bool
+    varies: bool
 
     @property
     def scaled(self) -> bool:
         """Whether the phase function's prefactor varies, so that lights are summed without it."""
-        return self.name == "henyey_greenstein" and self.g.size > 1
+        return self.name == "henyey_greenstein" and self.varies
 
 
 class Lamps(NamedTuple):
@@ -90,7 +93,8 @@ class Lamps(NamedTuple):
     candidates: Candidates | None = None
 
 
-def make_lobe(scattering: Field, share: float, first: bool, name: str, g: Field | float, dtype: Type) -> Lobe:
+def make_lobe(scattering: Field, share: float, first: bool, name: str, g: Field | float, dtype: Type, *,
+              span: tuple[float, float] | None = None) -> Lobe:
     """Make a lobe and find out how its phase function is best computed.
 
     Parameters
@@ -101,6 +105,8 @@ def make_lobe(scattering: Field, share: float, first: bool, name: str, g: Field 
         Phase anisotropy.
     dtype : dtype
         Of the arithmetic; g is moved to where it still is below 1 in it.
+    span : (float, float), optional
+        Least and greatest g to choose a formula for; that of ``g`` unless given.
 
     Returns
     -------
@@ -125,18 +131,19 @@ def make_lobe(scattering: Field, share: float, first: bool, name: str, g: Field 
     [('isotropic', False), ('henyey_greenstein', False), ('henyey_greenstein', True)]
     """
     values = np.asarray(g)
-    low, high = float(values.min()), float(values.max())
+    low, high = (float(values.min()), float(values.max())) if span is None else span
     largest = max(-low, high)
     if largest > 1.0:
         raise InputError("phase_anisotropy", f"is {largest:g} in size, must be below 1")
     inside = 1.0 - float(np.finfo(dtype).epsneg)
     if low == high or name in ("isotropic", "rayleigh"):
-        values = np.clip(np.full((1, 1, 1), low), -inside, inside)
+        values = np.clip(np.full((1, 1, 1), float(values.min())), -inside, inside)  # the last two have no g
     elif largest > inside:
         values = np.clip(values, -inside, inside)
     if name == "henyey_greenstein" and largest == 0.0:
         name = "isotropic"
-    return Lobe(scattering, share, first, name, values, 2.0 * largest > PLAIN * (1.0 - largest) ** 2)
+    varies = low != high and name not in ("isotropic", "rayleigh")
+    return Lobe(scattering, share, first, name, values, 2.0 * largest > PLAIN * (1.0 - largest) ** 2, varies)
 
 
 def relate_lamps(lights: Mapping[int, PointLight], lobes: Sequence[Lobe], froxels: Froxels, *,

@@ -72,6 +72,7 @@ def in_scattering(
     phase_function: str = "henyey_greenstein", second_lobe: SecondLobe | None = None,
     emission: str = "per_metre", attenuation: str = "min_distance", ambient_term: str = "scene",
     exposure: float = 1.0, visibility: Visibility | None = None, candidates: Candidates | None = None,
+    anisotropy_span: tuple[float, float] | None = None,
     threads: int | None = None, block_size: int | None = None, restrict: bool = True,
 ) -> Field:
     """Sum the light that each froxel scatters, or emits, towards the camera.
@@ -103,6 +104,9 @@ def in_scattering(
     candidates : callable, optional
         Given a block's slices and rows, the indices of the point and spot lights that it has to visit, growing
         (`froxel_ref.culling.candidates`); all of them unless given.
+    anisotropy_span : (float, float), optional
+        Least and greatest phase anisotropy of all pieces that a grid is worked on in, so that each chooses the same
+        formula; that of this V-Buffer unless given.
     threads : int, optional
         Default: one for each core.
     block_size : int, optional
@@ -150,7 +154,7 @@ def in_scattering(
     if phase_function not in PHASE:
         raise InputError("phase_function", f"is {phase_function!r}; {suggest(phase_function, PHASE)}")
     dtype = froxels.depths.dtype
-    lobes = _lobes(vbuffer, phase_function, second_lobe, dtype)
+    lobes = _lobes(vbuffer, phase_function, second_lobe, dtype, anisotropy_span)
     suns = [sun_rays(i, light, froxels.rays) for i, light in enumerate(lights)
             if isinstance(light, DirectionalLight)]
     local = {i: light for i, light in enumerate(lights) if not isinstance(light, DirectionalLight)}
@@ -174,14 +178,16 @@ def in_scattering(
 # --- what there is to do ----------------------------------------------------------------------------
 
 
-def _lobes(vbuffer: VBuffer, name: str, second: SecondLobe | None, dtype: Type) -> list[Lobe]:
+def _lobes(vbuffer: VBuffer, name: str, second: SecondLobe | None, dtype: Type, span: tuple[float, float] | None
+           ) -> list[Lobe]:
     """The parts of the scattering, each with one phase function."""
     parts = vbuffer.lobes or ((vbuffer.scattering, vbuffer.phase_anisotropy),)
+    span = None if vbuffer.lobes else span  # each lobe of a mixture has one g
     if name != "two_lobe_henyey_greenstein":
-        return [make_lobe(scattering, 1.0, True, name, g, dtype) for scattering, g in parts]
+        return [make_lobe(scattering, 1.0, True, name, g, dtype, span=span) for scattering, g in parts]
     other, result, name = second or SecondLobe(), [], "henyey_greenstein"
     for scattering, g in parts:
-        result.append(make_lobe(scattering, 1.0 - other.weight, True, name, g, dtype))
+        result.append(make_lobe(scattering, 1.0 - other.weight, True, name, g, dtype, span=span))
         result.append(make_lobe(scattering, other.weight, False, name, other.phase_anisotropy, dtype))
     return result
 
@@ -200,7 +206,7 @@ def _sky(job: Job, lobe: Lobe, g: Field, y: slice = slice(None), seen: Mapping[i
     """Ambient and directional light scattered towards the camera, per σ_s."""
     total = job.ambient if lobe.first else np.zeros_like(job.ambient)
     for sun in job.suns:
-        light = sun_light(sun, lobe.name, g, share=lobe.share, rows=y)
+        light = sun_light(sun, lobe.name, g, share=lobe.share, rows=y, varies=lobe.varies)
         total = total + (light * seen[sun.number] if sun.number in seen else light)
     return total
 

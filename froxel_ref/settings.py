@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from froxel_ref.kinds import choice, integer, nested, number
+from froxel_ref.kinds import choice, flag, integer, nested, number
 from froxel_ref.records import InputError, Record
 from froxel_ref.scene import LONGEST, SHORTEST, SIZE
 
@@ -58,6 +58,9 @@ SWITCHES: dict[str, tuple[str, ...]] = {
     "fom_spot": ("upright", "upright", "mirrored"),                             # A3
     "fom_octahedron": ("from_light", "from_light", "to_light"),                 # A9
     "fom_particles": ("hit", "hit", "centre"),                                  # A9
+    "jitter": ("centred", "published", "author", "off"),                        # D10, A2
+    "checkerboard_parity": ("even", "even", "odd"),                             # A1
+    "checkerboard_fill": ("existing", "zero", "zero"),                          # D11
 }
 FIDELITIES = ("corrected", "published", "author")
 
@@ -113,6 +116,15 @@ class Switches(Record):
         "fom_octahedron", "A9: octahedral maps hold directions from the light, or to it")
     fom_particles: str | None = _switch(
         "fom_particles", "A9: particles where rays hit them, or at their centre's distance and of twice the size")
+    jitter: str | None = _switch(
+        "jitter", "D10, A2, S4: with a temporal filter, where in its froxel a frame's sample lies: Halton points whose "
+                  "mean is ½, as they are, or every second one; or always the centre")
+    checkerboard_parity: str | None = _switch(
+        "checkerboard_parity", "A1: froxels are computed whose column, row, slice and frame add up to an even number, "
+                               "or an odd one")
+    checkerboard_fill: str | None = _switch(
+        "checkerboard_fill", "D11: holes without a history take the mean of the neighbours that exist, or neighbours "
+                             "outside count as 0")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,6 +240,29 @@ class Culling(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Temporal(Record):
+    """The filter of froxels over frames: jittered samples, an exponential moving average [Dörries 2020, §3.2.3]."""
+
+    filter: str = choice(
+        "off", "scattering", "unphased", default="off",
+        about="what the history holds: nothing; in-scattering and extinction as published; or the same without the "
+              "phase function, which each frame multiplies by anew [Lagarde 2018]")
+    alpha: float = number(0.05, "weight of the current frame; 0.2 with temporal anti-aliasing", above=0.0, at_most=1.0)
+    start: str = choice("first", "mean", default="first",
+                        about="the first frames: eq. 3.2, the first one whole; or their mean while that weighs more")
+    clamp: str = choice("off", "range", "deviation", default="off",
+                        about="history as it is; cut to the neighbourhood's least and greatest; or to its deviation")
+    gamma: float = number(1.0, "clamp by deviation: how many", at_least=0.0, within=(0.0, LONGEST))
+    alpha_most: float | None = number(
+        None, "weight of the current frame where it departs from its history; alpha unless given", optional=True,
+        above=0.0, at_most=1.0)
+
+    def check_together(self) -> None:
+        if self.alpha_most is not None and self.alpha_most < self.alpha:
+            raise InputError("alpha_most", f"is {self.alpha_most:g}, must be at least alpha ({self.alpha:g})")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Settings(Record):
     """How a frame is computed."""
 
@@ -249,10 +284,17 @@ class Settings(Record):
     particles_lit_at: str = choice(
         "pixel", "centre", default="pixel",
         about="where particles are lit: at every point that a pixel shows, or at their centre")
+    temporal: Temporal = nested(Temporal, default=Temporal(), about="the filter of froxels over frames")
+    checkerboard: bool = flag(False, "compute every second froxel of a frame only")
+    merged: bool = flag(False, "media and lighting in one, slab by slab, without a V-Buffer as a whole")
     culling: Culling = nested(Culling, default=Culling(), about="the lists of lights and local media")
     precision: str = choice("float64", "float32", default="float64", about="type of the arithmetic")
     time: float = number(0.0, "scene time, moves scrolling textures", unit="s",
                          within=(-LONGEST, LONGEST))
+
+    def check_together(self) -> None:
+        if self.checkerboard and self.grid.width * self.grid.height * self.grid.depth == 1:
+            raise InputError("checkerboard", "is on for a grid of one froxel, must be off: there is no other half")
 
     def __getattr__(self, name: str) -> str:
         """The value of a switch, by its own name: the single switch if set, else what the fidelity says."""

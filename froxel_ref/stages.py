@@ -11,19 +11,20 @@ import numpy as np
 from froxel_ref import (
     apply,
     culling,
+    fog_stages,
     fom_plan,
     fom_stage,
     grid,
     integrate,
-    lighting,
     media,
     particles,
     shadow_stage,
     surface,
+    temporal_stage,
 )
-from froxel_ref.arrays import Candidates, Field, FogAt
+from froxel_ref.arrays import Field, FogAt
 from froxel_ref.billboards import placed_particles
-from froxel_ref.buffers import Integrated, VBuffer
+from froxel_ref.buffers import Integrated
 from froxel_ref.jobs import Job, Need, Part, Results, Stage
 from froxel_ref.light_visibility import light_visibility
 from froxel_ref.quantities import FINAL
@@ -38,7 +39,7 @@ from froxel_ref.scene import (
 from froxel_ref.settings import Settings
 from froxel_ref.shadow import shadowed_lights
 
-__all__ = ["STAGES", "v_buffer"]
+__all__ = ["STAGES"]
 
 
 def _constant(job: Job, axes: str, value: float | tuple[float, float, float]) -> Field:
@@ -62,7 +63,7 @@ def _media_count(number: int) -> str:
 
 
 def _run_grid(job: Job, results: Results) -> dict[str, Field]:
-    return {"grid/slice_depth": job.froxels.boundaries[1:, 0, 0]}
+    return {"grid/slice_depth": job.centres.boundaries[1:, 0, 0]}
 
 
 # --- surface ----------------------------------------------------------------------------------------
@@ -125,31 +126,15 @@ def _named(lights: culling.Culled, local: culling.Culled) -> dict[str, Field]:
             for name, array in lists._asdict().items()}
 
 
-def _tiling(job: Job) -> culling.Tiling:
-    how = job.settings
-    return culling.make_tiling(job.scene.camera, depth_range=(how.grid.near, how.grid.far),
-                               tile=how.culling.tile, bins=how.culling.bins)
-
-
 def _neutral_culling(job: Job) -> dict[str, Field]:
-    tiling = _tiling(job)
+    tiling = fog_stages.fog_tiling(job)
     return _named(culling.cull_lights({}, tiling), culling.cull_media({}, tiling))
 
 
 def _run_culling(job: Job, results: Results) -> dict[str, Field]:
-    scene, tiling, origin = job.scene, _tiling(job), job.scene.camera.position
+    scene, tiling, origin = job.scene, fog_stages.fog_tiling(job), job.scene.camera.position
     return _named(culling.cull_lights(_bounded_lights(scene), tiling, origin=origin, dtype=job.dtype),
                   culling.cull_media(_bounded_media(scene, job.settings), tiling, origin=origin, dtype=job.dtype))
-
-
-def _candidates(job: Job, results: Results, kind: str) -> Candidates | None:
-    """What the lists hand to blocks; nothing where all is forced, or nothing has bounds."""
-    lists = culling.Culled(*(results[f"culling/{kind}_{name}"] for name in culling.Culled._fields))
-    if job.full or not len(lists.order):
-        return None
-    endless = [i for i, light in enumerate(job.scene.all_lights)
-               if isinstance(light, PointLight) and light.falloff != "windowed"] if kind == "light" else []
-    return culling.candidates(lists, job.froxels, _tiling(job), everywhere=endless)
 
 
 # --- media ------------------------------------------------------------------------------------------
@@ -160,6 +145,11 @@ def _media(scene: Scene) -> tuple[Medium, ...]:
 
 
 def _needs_media(scene: Scene, settings: Settings) -> Need:
+    """Whether the stage runs by itself, and not with lighting in one."""
+    return (False, "merged with lighting") if settings.merged else _has_media(scene, settings)
+
+
+def _has_media(scene: Scene, settings: Settings) -> Need:
     idle = scene.global_media + scene.local_media
     if idle and not _media(scene) and settings.phase_mixing == "mean":
         return True, "the plain mean of g counts media that are not there (D12)"
@@ -184,35 +174,7 @@ def _media_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
 def _neutral_media(job: Job) -> dict[str, Field]:
     black, nothing = _constant(job, "czyx", BLACK), _constant(job, "zyx", 0.0)
     return {"media/albedo": black, "media/scattering": black, "media/extinction": nothing, "media/emission": black,
-            "media/phase_anisotropy": nothing} | _lobes((), job.dtype)
-
-
-def _lobes(lobes: tuple[tuple[Field, float], ...], dtype: np.dtype[np.floating]) -> dict[str, Field]:
-    anisotropy = np.array([g for _, g in lobes], dtype)
-    if not lobes:
-        none = np.zeros((0, 3, 1, 1, 1), dtype)
-        return {"media/lobe_scattering": none, "media/lobe_anisotropy": anisotropy}
-    shape = np.broadcast_shapes(*(scattering.shape for scattering, _ in lobes))
-    stacked = np.stack([np.broadcast_to(scattering, shape) for scattering, _ in lobes])
-    return {"media/lobe_scattering": stacked, "media/lobe_anisotropy": anisotropy}
-
-
-def _run_media(job: Job, results: Results) -> dict[str, Field]:
-    buffer = media.voxelise(job.scene, job.froxels, job.assets.textures, job.settings, threads=job.threads,
-                            candidates=_candidates(job, results, "medium"), restrict=not job.full)
-    scattering = buffer.scattering
-    if job.settings.albedo_at_zero == "divide":  # D1: listing 3.2 recovers σ_s from the albedo
-        scattering = media.albedo_of(scattering, buffer.extinction, at_zero="divide") * buffer.extinction
-    fields = {"media/scattering": scattering, "media/extinction": buffer.extinction,
-              "media/emission": buffer.emission, "media/phase_anisotropy": buffer.phase_anisotropy}
-    if job.full:
-        shape = (job.settings.grid.depth, job.settings.grid.height, job.settings.grid.width)
-        fields = {name: np.ascontiguousarray(np.broadcast_to(field, field.shape[:-3] + shape))
-                  for name, field in fields.items()}
-    if "media/albedo" in job.asked:
-        fields["media/albedo"] = media.albedo_of(buffer.scattering, buffer.extinction,
-                                                 at_zero=job.settings.albedo_at_zero)
-    return fields | _lobes(buffer.lobes, job.dtype)
+            "media/phase_anisotropy": nothing} | fog_stages.lobe_fields((), job.dtype)
 
 
 # --- shadow -----------------------------------------------------------------------------------------
@@ -251,6 +213,11 @@ def _sources(scene: Scene, settings: Settings) -> list[str]:
 
 
 def _needs_lighting(scene: Scene, settings: Settings) -> Need:
+    """Whether the stage runs by itself, and not with media in one."""
+    return (False, "merged with media") if settings.merged else _has_light(scene, settings)
+
+
+def _has_light(scene: Scene, settings: Settings) -> Need:
     if not _media(scene):
         return False, "there is no medium to scatter light"
     sources = _sources(scene, settings)
@@ -280,32 +247,28 @@ def _lighting_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     )
 
 
-def v_buffer(results: Results) -> VBuffer:
-    """The V-Buffer from a frame's results by name: what `froxel_ref.lighting.in_scattering` is given.
-
-    Parameters
-    ----------
-    results : mapping of str to Field
-        With all of media but its albedo.
-
-    Returns
-    -------
-    VBuffer
-    """
-    lobes = zip(results["media/lobe_scattering"], results["media/lobe_anisotropy"], strict=True)
-    return VBuffer(results["media/scattering"], results["media/extinction"], results["media/emission"],
-                   results["media/phase_anisotropy"], tuple((s, float(g)) for s, g in lobes))
+def _neutral_lighting(job: Job) -> dict[str, Field]:
+    return {"lighting/in_scattering": _constant(job, "czyx", BLACK),
+            "lighting/unphased": np.zeros((3, 0, 0, 0), job.dtype)}
 
 
-def _run_lighting(job: Job, results: Results) -> dict[str, Field]:
-    settings, scene = job.settings, job.scene
-    light = lighting.in_scattering(
-        v_buffer(results), scene.all_lights, job.froxels, ambient=scene.ambient,
-        phase_function=settings.phase_function, second_lobe=settings.second_lobe, emission=settings.emission,
-        attenuation=settings.attenuation, ambient_term=settings.ambient, visibility=light_visibility(job, results),
-        exposure=scene.camera.exposure if settings.exposure == "lighting" else 1.0, threads=job.threads,
-        candidates=_candidates(job, results, "light"), restrict=not job.full)
-    return {"lighting/in_scattering": light}
+# --- merged -----------------------------------------------------------------------------------------
+
+
+def _needs_merged(scene: Scene, settings: Settings) -> Need:
+    return _has_media(scene, settings) if settings.merged else (False, "media and lighting are stages of their own")
+
+
+def _merged_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
+    return _media_parts(scene, settings) + _lighting_parts(scene, settings)
+
+
+# --- temporal ---------------------------------------------------------------------------------------
+
+
+def _needs_temporal(scene: Scene, settings: Settings) -> Need:
+    needed, why = temporal_stage.needs_filter(scene, settings)
+    return _has_media(scene, settings) if needed and not _has_media(scene, settings)[0] else (needed, why)
 
 
 # --- integrate --------------------------------------------------------------------------------------
@@ -314,7 +277,7 @@ def _run_lighting(job: Job, results: Results) -> dict[str, Field]:
 def _needs_integrate(scene: Scene, settings: Settings) -> Need:
     if settings.integrator in ("published", "simple") and not _media(scene):
         return True, f"the integrator {settings.integrator!r} dims even a vacuum (D3)"
-    return _needs_media(scene, settings)
+    return _has_media(scene, settings)
 
 
 def _neutral_integrate(job: Job) -> dict[str, Field]:
@@ -325,11 +288,11 @@ def _neutral_integrate(job: Job) -> dict[str, Field]:
 
 
 def _run_integrate(job: Job, results: Results) -> dict[str, Field]:
-    step, length = grid.step_lengths(job.froxels)
+    step, length = grid.step_lengths(job.centres)
     how = job.settings
     whole = integrate.integrate(
-        results["lighting/in_scattering"], results["media/extinction"], step, length, near=how.grid.near,
-        integrator=how.integrator, integrate_from=how.integrate_from, depths=job.froxels.depths,
+        *temporal_stage.fog_fields(results), step, length, near=how.grid.near,
+        integrator=how.integrator, integrate_from=how.integrate_from, depths=job.centres.depths,
         compensated=how.accumulation == "compensated" and how.integrator == "analytic", threads=job.threads)
     return {f"integrate/{name}": field for name, field in whole._asdict().items()}
 
@@ -413,7 +376,7 @@ def _run_apply(job: Job, results: Results) -> dict[str, Field]:
     fog, transmittance = _looked_up(job, integrated, depth)
     surface_share = transmittance
     if job.settings.surface_term == "inside":
-        surface_share, _ = _looked_up(job, _path(job, results["media/extinction"]), depth)
+        surface_share, _ = _looked_up(job, _path(job, temporal_stage.fog_fields(results)[1]), depth)
     return {"apply/fog_radiance": fog, "apply/fog_transmittance": transmittance,
             FINAL: _under_particles(job, apply.composite(radiance, fog, surface_share), results)}
 
@@ -426,7 +389,7 @@ def _looked_up(job: Job, integrated: Integrated, depth: Field) -> tuple[Field, F
 
 def _path(job: Job, extinction: Field) -> Integrated:
     """∫T dt along each ray [m], as the radiance that a source of 1 gives (D5)."""
-    step, length = grid.step_lengths(job.froxels)
+    step, length = grid.step_lengths(job.centres)
     source = np.ones((3, 1, 1, 1), job.dtype)
     return integrate.integrate(source, extinction, step, length, near=job.settings.grid.near,
                                integrate_from=job.settings.integrate_from, threads=job.threads)
@@ -441,6 +404,7 @@ _SURFACE = ("surface/depth", "surface/normal", "surface/albedo", "surface/radian
 _SHADOW = tuple(name for names in shadow_stage.NAMES.values() for name in names)
 _FOM = (*fom_stage.LAMPS, *fom_stage.SUNS)
 _PARTICLES = ("particles/radiance", "particles/transmittance")
+_LIGHT = ("lighting/in_scattering", "lighting/unphased")
 _INTEGRATED = tuple(f"integrate/{name}" for name in Integrated._fields)
 
 
@@ -462,20 +426,24 @@ STAGES: tuple[Stage, ...] = (
     Stage("culling", "which lights and local media can reach which tiles and depths", (), (*_LIGHTS, *_LOCAL),
           _needs_culling, _neutral_culling, _run_culling, _culling_parts),
     Stage("media", "the V-Buffer: material of the media at each froxel", _LOCAL, (*_MEDIA, "media/albedo"),
-          _needs_media, _neutral_media, _run_media, _media_parts),
+          _needs_media, _neutral_media, fog_stages.voxel_fields, _media_parts),
     Stage("lighting", "light scattered towards the camera at each froxel", (*_MEDIA, *_SHADOW, *_FOM, *_LIGHTS),
-          ("lighting/in_scattering",), _needs_lighting,
-          lambda job: {"lighting/in_scattering": _constant(job, "czyx", BLACK)},
-          _run_lighting, _lighting_parts),
+          _LIGHT, _needs_lighting, _neutral_lighting, fog_stages.scattered_fields, _lighting_parts),
+    Stage("merged", "media and lighting in one, slab by slab", (*_LOCAL, *_SHADOW, *_FOM, *_LIGHTS),
+          (*_LIGHT, "media/extinction"), _needs_merged, lambda job: {}, fog_stages.merged_fields, _merged_parts),
+    Stage("temporal", "froxels filtered over frames, holes of the checkerboard filled", (*_LIGHT, "media/extinction"),
+          temporal_stage.FIELDS, _needs_temporal, temporal_stage.nothing_filtered, temporal_stage.filtered_fields,
+          temporal_stage.temporal_parts),
     Stage("integrate", "radiance and transmittance from the camera to each slice",
-          ("lighting/in_scattering", "media/extinction"), _INTEGRATED, _needs_integrate, _neutral_integrate,
-          _run_integrate),
+          ("lighting/in_scattering", "media/extinction", *temporal_stage.FIELDS[:2]), _INTEGRATED, _needs_integrate,
+          _neutral_integrate, _run_integrate),
     Stage("particles", "billboards, lit and fogged at their own depth, from back to front",
           (*_SHADOW, *_FOM, "surface/depth", *_INTEGRATED), _PARTICLES, _needs_particles,
           lambda job: {"particles/radiance": _constant(job, "cyx", BLACK),
                        "particles/transmittance": _constant(job, "yx", 1.0)}, _run_particles, _particle_parts),
     Stage("apply", "the fog looked up at each pixel's depth, over the surface, and particles over both",
-          (*_SURFACE, *_INTEGRATED, "media/extinction", *_PARTICLES),
+          (*_SURFACE, *_INTEGRATED, "media/extinction", "lighting/in_scattering", *temporal_stage.FIELDS[:2],
+           *_PARTICLES),
           ("apply/fog_radiance", "apply/fog_transmittance", FINAL), _always, lambda job: {}, _run_apply,
           _apply_parts),
 )

@@ -83,7 +83,8 @@ def sun_rays(index: int, light: DirectionalLight, rays: Rays) -> SunRays:
     return SunRays(index, colour(light), whole, rays.length.dtype)
 
 
-def sun_light(sun: SunRays, name: str, g: Field, *, share: float = 1.0, rows: slice = slice(None)) -> Field:
+def sun_light(sun: SunRays, name: str, g: Field, *, share: float = 1.0, rows: slice = slice(None),
+              varies: bool = False) -> Field:
     """What a phase function turns of a sun's light into each ray, per unit of scattering.
 
     Parameters
@@ -98,6 +99,8 @@ def sun_light(sun: SunRays, name: str, g: Field, *, share: float = 1.0, rows: sl
         Factor on the phase function.
     rows : slice
         Of the grid, that ``g`` belongs to.
+    varies : bool
+        Whether g does elsewhere, and what is one number here must be computed as it is there.
 
     Returns
     -------
@@ -122,7 +125,7 @@ def sun_light(sun: SunRays, name: str, g: Field, *, share: float = 1.0, rows: sl
     cosine = DoubleDouble(sun.deflection.high[np.newaxis, rows], sun.deflection.low[np.newaxis, rows])
     irradiance = sun.irradiance.reshape(3, 1, 1, 1)
     one = double_double(1.0)
-    if name == "henyey_greenstein" and g.size == 1:
+    if name == "henyey_greenstein" and g.size == 1 and not varies:
         size = double_double(abs(float(g.reshape(-1)[0])))
         turn = one - cosine if g.reshape(-1)[0] >= 0 else one + cosine
         rest = one - size

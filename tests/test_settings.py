@@ -38,6 +38,9 @@ EXPECTED = {
     "fom_spot": ("A3", "upright", "upright", "mirrored"),
     "fom_octahedron": ("A9", "from_light", "from_light", "to_light"),
     "fom_particles": ("A9", "hit", "hit", "centre"),
+    "jitter": ("D10", "centred", "published", "author"),
+    "checkerboard_parity": ("A1", "even", "even", "odd"),
+    "checkerboard_fill": ("D11", "existing", "zero", "zero"),
 }
 
 

@@ -1,0 +1,163 @@
+"""Frames one after the other: moving cameras, lights and media, and what each frame hands to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import replace as with_fields
+from typing import TypeAlias
+
+import numpy as np
+
+from froxel_ref.assets import Assets, load_assets
+from froxel_ref.frame import Frame, Progress, run_frame
+from froxel_ref.records import InputError, shown
+from froxel_ref.scene import Box, Camera, Scene, Sphere
+from froxel_ref.scene_motion import scene_at
+from froxel_ref.settings import Settings, replace
+
+__all__ = ["RATE", "CameraPath", "moment", "run_sequence"]
+
+CameraPath: TypeAlias = Sequence[Camera] | Callable[[int], Camera]
+"""The camera of each frame: as many as there are frames, or a function of their number."""
+
+RATE = 30.0
+
+
+def moment(scene: Scene, camera_path: CameraPath | None, frame: int, *, rate: float = RATE) -> Scene:
+    """The scene as one frame of a sequence shows it.
+
+    Parameters
+    ----------
+    scene : Scene
+        With or without tracks.
+    camera_path : sequence of Camera, or callable, optional
+        The camera of each frame; the scene's, which its tracks may move, unless given.
+    frame : int
+        Number of the frame.
+    rate : float [1/s]
+        Frames a second, for tracks.
+
+    Returns
+    -------
+    Scene
+        Without tracks.
+
+    Raises
+    ------
+    InputError
+        What tracks or the path make of it is not allowed: among it a camera within a box or a sphere, whose picture
+        would be black.
+
+    Examples
+    --------
+    >>> moment(Scene(), [Camera(vertical_fov=40)], 0).camera.vertical_fov
+    40.0
+    """
+    now = scene_at(scene, frame / rate)
+    if camera_path is not None:
+        camera = camera_path(frame) if callable(camera_path) else camera_path[frame]
+        if not isinstance(camera, Camera):
+            raise InputError(f"camera_path[{frame}]", f"is a {type(camera).__name__}, must be a Camera")
+        now = with_fields(now, camera=camera)
+    inside = next((k for k, surface in enumerate(now.surfaces) if _holds(surface, now.camera.position)), None)
+    if inside is not None:
+        raise InputError("camera.position", f"is within surfaces[{inside}] in frame {frame}, must be outside of it")
+    return now
+
+
+def _holds(surface: object, point: tuple[float, float, float]) -> bool:
+    """Whether a closed surface has a point inside."""
+    if isinstance(surface, Sphere):
+        return float(np.linalg.norm(np.subtract(point, surface.center))) < surface.radius
+    if not isinstance(surface, Box):
+        return False
+    local = np.linalg.solve(surface.transform.world_from_local, (*point, 1.0))
+    return bool(np.abs(local[:3]).max() < 1.0)
+
+
+def run_sequence(scene: Scene, camera_path: CameraPath | None = None, frames: int = 1, *,
+                 settings: Settings | None = None, first: int = 0, rate: float = RATE, cuts: Collection[int] = (),
+                 assets: Assets | None = None, outputs: Iterable[str] | None = None, threads: int | None = None,
+                 progress: Progress | None = None, previous: Frame | None = None) -> Iterator[Frame]:
+    """Compute frames one after the other.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its tracks move it (`froxel_ref.scene_motion`).
+    camera_path : sequence of Camera, or callable, optional
+        The camera of each frame; the scene's unless given.
+    frames : int
+        Their number.
+    settings : Settings, optional
+        Its ``time`` is that of frame 0.
+    first : int
+        Number of the first frame to compute; go on from frame ``first − 1`` with ``previous``.
+    rate : float [1/s]
+        Frames a second: of tracks, and of textures that scroll.
+    cuts : collection of int
+        Frames that have nothing to do with those before: their history begins anew.
+    assets : Assets, optional
+        Of the scene at its beginning; needed where it names files.
+    outputs : iterable of str, optional
+        Results to keep, as for `froxel_ref.frame.run_frame`.
+    threads : int, optional
+        Default: one for each core.
+    progress : callable, optional
+        Called as ``progress(name, index, count)`` before each frame.
+    previous : Frame, optional
+        Frame ``first − 1``.
+
+    Yields
+    ------
+    Frame
+        One at a time; each keeps what the next one needs, and no more.
+
+    Raises
+    ------
+    InputError
+        No frames, a rate that is not above 0, a path of another length, a frame that is not allowed: all of them are
+        looked at before the first is computed.
+
+    Notes
+    -----
+    Frame n has the scene at n/rate seconds, the n-th point of the jitter, layer n of the noise and the n-th colour of
+    the checkerboard. The same numbers whatever the frame is that a run begins at, if ``previous`` is the one before.
+
+    Examples
+    --------
+    >>> from froxel_ref.settings import Grid
+    >>> how = Settings(grid=Grid(width=4, height=2, depth=2))
+    >>> [frame.settings.time for frame in run_sequence(Scene(), frames=3, settings=how, rate=10, outputs=[])]
+    [0.0, 0.1, 0.2]
+    """
+    settings = settings or Settings()
+    _check(frames, first, rate, camera_path)
+    for number in range(first, frames):
+        moment(scene, camera_path, number, rate=rate)
+    return _frames(scene, camera_path, range(first, frames), settings, rate, frozenset(cuts),
+                   load_assets(scene, None) if assets is None else assets, outputs, threads, progress, previous)
+
+
+def _check(frames: int, first: int, rate: float, camera_path: CameraPath | None) -> None:
+    if isinstance(frames, bool) or not isinstance(frames, int) or frames < 1:
+        raise InputError("frames", f"is {shown(frames)}, must be a whole number of at least 1")
+    if isinstance(first, bool) or not isinstance(first, int) or not 0 <= first < frames:
+        raise InputError("first", f"is {shown(first)}, must be a frame from 0 to {frames - 1}")
+    if not (np.isfinite(rate) and rate > 0.0):
+        raise InputError("rate", f"is {shown(rate)}, must be a number above 0")
+    if camera_path is not None and not callable(camera_path) and len(camera_path) < frames:
+        raise InputError("camera_path", f"has {len(camera_path)} cameras, must have one for each of {frames} frames")
+
+
+def _frames(scene: Scene, camera_path: CameraPath | None, numbers: range, settings: Settings, rate: float,
+            cuts: frozenset[int], assets: Assets, outputs: Iterable[str] | None, threads: int | None,
+            progress: Progress | None, previous: Frame | None) -> Iterator[Frame]:
+    wanted = None if outputs is None else tuple(outputs)
+    for number in numbers:
+        if progress is not None:
+            progress(f"frame {number}", number - numbers.start, len(numbers))
+        previous = run_frame(moment(scene, camera_path, number, rate=rate),
+                             replace(settings, time=settings.time + number / rate), assets=assets, outputs=wanted,
+                             threads=threads, previous=previous, frame=number, cut=number in cuts)
+        yield previous
