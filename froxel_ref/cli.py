@@ -360,16 +360,16 @@ def _facts(frame: Frame) -> dict[str, Any]:
     """The plan and what came of it, as plain values."""
     from froxel_ref.golden import gpu_array
     from froxel_ref.pictures import varying
-    from froxel_ref.quantities import QUANTITIES
+    from froxel_ref.quantities import QUANTITIES, stored_grid
 
     stages: list[dict[str, Any]] = []
     for planned in frame.plan.stages:
         arrays = []
-        for name in planned.stage.writes:
+        for name in frame.plan.written_by(planned):
             if name not in frame.results or not frame.results[name].size:
                 continue
             array, quantity = frame.results[name], QUANTITIES[name]
-            full, _ = gpu_array(array, quantity, frame.scene.camera, frame.settings.grid)
+            full, _ = gpu_array(array, quantity, frame.scene.camera, stored_grid(name, frame.settings))
             arrays.append({"name": name, "unit": quantity.unit, "about": quantity.about,
                            "varies": " ".join(varying(array, quantity)), "bytes": array.size * array.itemsize,
                            "expanded_bytes": full.size * full.itemsize})

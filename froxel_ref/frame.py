@@ -66,6 +66,13 @@ class Plan:
                 return planned
         raise KeyError(f"{name!r} is not a stage; {suggest(name, [planned.name for planned in self.stages])}")
 
+    def written_by(self, planned: Planned) -> tuple[str, ...]:
+        """The results that a stage has made, or stands for: not what another one makes in its stead (merged)."""
+        if planned.runs:
+            return planned.stage.writes
+        made = {name for other in self.stages if other.runs for name in other.stage.writes}
+        return tuple(name for name in planned.stage.writes if name not in made)
+
     @property
     def left_out(self) -> tuple[Planned, ...]:
         """The stages that do not run."""

@@ -24,7 +24,7 @@ from froxel_ref.arrays import Field
 from froxel_ref.assets import checksums
 from froxel_ref.image_files import write_png
 from froxel_ref.output import check_folder, check_space, read_manifest, whole_folder
-from froxel_ref.quantities import QUANTITIES, Quantity
+from froxel_ref.quantities import QUANTITIES, Quantity, stored_grid
 from froxel_ref.records import to_json
 from froxel_ref.scene import Camera, ParticleCloud, Scene
 from froxel_ref.scene_files import Loaded, document
@@ -188,7 +188,7 @@ def golden_bytes(frame: Frame) -> int:
     >>> golden_bytes(frame) > sum(array.size > 0 for array in frame.results.values()) * PICTURE_BYTES
     True
     """
-    views = (gpu_array(array, QUANTITIES[name], frame.scene.camera, frame.settings.grid)[0]
+    views = (gpu_array(array, QUANTITIES[name], frame.scene.camera, stored_grid(name, frame.settings))[0]
              for name, array in frame.results.items() if array.size)
     return sum(view.size * view.itemsize + PICTURE_BYTES + min(VALUE_BYTES * view.size, MOST_PICTURE_BYTES)
                for view in views)
@@ -260,8 +260,8 @@ def _stage_entries(frame: Frame) -> list[dict[str, Any]]:
         parts = [{"name": part.name, "runs": part.runs, "why": part.why} for part in planned.parts]
         entry |= {"parts": parts} if parts else {}
         if not planned.runs:
-            entry["neutral"] = {name: _plain(frame.results[name]) for name in planned.stage.writes
-                                if name in frame.results and frame.results[name].size <= 3}
+            entry["neutral"] = {name: _plain(frame.results[name]) for name in frame.plan.written_by(planned)
+                                if name in frame.results and 0 < frame.results[name].size <= 3}
         entries.append(entry)
     return entries
 
@@ -358,12 +358,13 @@ def write_golden(frame: Frame, loaded: Loaded, folder: Path, *, force: bool = Fa
 def _write_result(folder: Path, name: str, frame: Frame) -> dict[str, Any]:
     """One array and its picture; its entry in the manifest."""
     array, quantity = frame.results[name], QUANTITIES[name]
-    view, axes = gpu_array(array, quantity, frame.scene.camera, frame.settings.grid)
+    grid = stored_grid(name, frame.settings)
+    view, axes = gpu_array(array, quantity, frame.scene.camera, grid)
     file = f"{name}.npy"
     (folder / file).parent.mkdir(exist_ok=True)
     sha256 = write_array(folder / file, view)
     picture = f"{name}.png"
-    how = pictures.View(frame.scene.camera, frame.settings.grid, frame.display_exposure)
+    how = pictures.View(frame.scene.camera, grid, frame.display_exposure)
     write_png(folder / picture, pictures.preview(array, quantity, name=name, view=how))
     return {"name": name, "file": file, "preview": picture, "shape": list(view.shape),
             "dtype": view.dtype.newbyteorder("<").str, "axes": [AXES[axis] for axis in axes],

@@ -16,7 +16,7 @@ from froxel_ref.arrays import Field
 from froxel_ref.culling import lights_per_tile
 from froxel_ref.display import Bytes, Display, display_for, to_srgb8
 from froxel_ref.panels import AMBER, FAINT, INK, PAPER, View, canvas, write
-from froxel_ref.quantities import QUANTITIES, Quantity
+from froxel_ref.quantities import QUANTITIES, Quantity, stored_grid
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -388,7 +388,7 @@ def _stage(frame: Frame, planned: Planned, view: View, width: int) -> Image:
     if planned.runs:
         write(heading, (160, 19), f"runs: {planned.why}  ·  {planned.stage.about}", 19, FAINT, width - 160)
     else:
-        below = any(frame.results[name].size for name in planned.stage.writes if name in frame.results)
+        below = any(frame.results[name].size for name in frame.plan.written_by(planned) if name in frame.results)
         words = f"left out: {planned.why}" + "  ·  its neutral values stand below" * below
         write(heading, (160, 19), words, 19, AMBER, width - 160)
     skipped = [f"{part.name} ({part.why})" for part in planned.parts if not part.runs]
@@ -400,8 +400,9 @@ def _stage(frame: Frame, planned: Planned, view: View, width: int) -> Image:
         line = canvas(width, 26)
         write(line, (0, 0), note, 18, FAINT, width)
         images.append(line)
-    names = [name for name in planned.stage.writes if name in frame.results and name not in HERO]
-    cells = [_cell(frame.results[name], name, view, width) for name in names if frame.results[name].size]
+    names = [name for name in frame.plan.written_by(planned) if name in frame.results and name not in HERO]
+    cells = [_cell(frame.results[name], name, view._replace(grid=stored_grid(name, frame.settings)), width)
+             for name in names if frame.results[name].size]
     rows = [cell for cell in cells if cell.width >= width // 2]
     small = [cell for cell in cells if cell.width < width // 2]
     return _below([*images, *rows, *([_flow(small, width)] if small else [])], 16)

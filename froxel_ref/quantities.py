@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
-__all__ = ["FINAL", "QUANTITIES", "Quantity"]
+from froxel_ref.settings import Grid, Settings
+
+__all__ = ["FINAL", "QUANTITIES", "Quantity", "stored_grid"]
 
 FINAL = "apply/radiance"
 
@@ -88,3 +91,28 @@ QUANTITIES: dict[str, Quantity] = {
     "apply/fog_transmittance": Quantity("yx", "1", "transmittance in front of each pixel's surface"),
     FINAL: Quantity("cyx", RADIANCE, "the final image: surface times transmittance, plus fog, under particles"),
 }
+
+
+def stored_grid(name: str, settings: Settings) -> Grid:
+    """The grid as the volumes of a result have it.
+
+    Parameters
+    ----------
+    name : str
+        Of the result.
+    settings : Settings
+
+    Returns
+    -------
+    Grid
+        With half the slices for what a checkerboard computes (`froxel_ref.checkerboard.pack`).
+
+    Examples
+    --------
+    >>> how = Settings(grid=Grid(depth=9), checkerboard=True)
+    >>> stored_grid("media/extinction", how).depth, stored_grid("integrate/radiance", how).depth
+    (5, 9)
+    """
+    if settings.checkerboard and name.startswith(("media/", "lighting/")):
+        return dataclasses.replace(settings.grid, depth=-(-settings.grid.depth // 2))
+    return settings.grid

@@ -173,6 +173,8 @@ def _media_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
 
 def _neutral_media(job: Job) -> dict[str, Field]:
     black, nothing = _constant(job, "czyx", BLACK), _constant(job, "zyx", 0.0)
+    if job.settings.merged and _media(job.scene):  # made and forgotten slab by slab
+        black, nothing = black[:, :0], nothing[:0]
     return {"media/albedo": black, "media/scattering": black, "media/extinction": nothing, "media/emission": black,
             "media/phase_anisotropy": nothing} | fog_stages.lobe_fields((), job.dtype)
 

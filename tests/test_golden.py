@@ -37,7 +37,7 @@ from froxel_ref.scene import (
     VolumeDensity,
 )
 from froxel_ref.scene_files import Loaded, document
-from froxel_ref.settings import Grid, Settings, ShadowMaps, Switches, replace
+from froxel_ref.settings import Grid, Settings, ShadowMaps, Switches, Temporal, replace
 
 SCENE = Scene(
     name="small", camera=Camera(position=(0.0, 1.0, 0.0), target=(0.1, 1.0, -1.0), width=12, height=10),
@@ -566,3 +566,20 @@ def test_what_seeds_strew_is_written_out(tmp_path: Path) -> None:
     assert len(lights) == 3
     written = dataclasses.replace(scene, particles=particles, lights=lights, extra_lights=ExtraLights())
     np.testing.assert_array_equal(run_frame(written, how)["apply/radiance"], frame["apply/radiance"])
+
+
+@pytest.mark.parametrize("depth", [4, 5])
+@pytest.mark.parametrize("filter", ["off", "unphased"])
+def test_a_checkerboards_half_is_written_as_listing_3_11_has_it(tmp_path: Path, depth: int, filter: str) -> None:
+    """Half the slices of media and lighting, constants too; all of them behind the filter; the sheet is drawn."""
+    how = Settings(grid=Grid(width=6, height=4, depth=depth), checkerboard=True, temporal=Temporal(filter=filter))
+    scene = Scene(camera=Camera(width=12, height=8), global_media=(Medium(),), lights=SCENE.lights)
+    frame = run_frame(scene, how)
+    made = write_golden(frame, Loaded(scene, how, None), tmp_path / "set")
+    for name, slices in (("media/extinction", -(-depth // 2)), ("lighting/in_scattering", -(-depth // 2)),
+                         ("temporal/in_scattering", depth), ("integrate/transmittance", depth)):
+        assert np.load(made.folder / f"{name}.npy").shape[:3] == (slices, 4, 6)
+    half, whole = (np.load(made.folder / f"{name}/in_scattering.npy") for name in ("lighting", "temporal"))
+    for z, y, x in np.ndindex(depth, 4, 6):
+        if (x + y + z) % 2 == 0 and filter == "off":
+            np.testing.assert_array_equal(half[z // 2, y, x], whole[z, y, x])
