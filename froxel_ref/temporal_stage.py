@@ -57,10 +57,10 @@ def temporal_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     how = settings.temporal
     filters = how.filter != "off"
     rest = how.clamp != "off", how.alpha_most is not None
-    return (Part("average", filters, f"α = {how.alpha:g}" if filters else "no temporal filter"),
+    return (Part("average", filters, f"weight {how.alpha:g}" if filters else "no temporal filter"),
             Part("holes", settings.checkerboard, "of the checkerboard" if settings.checkerboard else "none"),
             Part("clamp", rest[0], f"to the neighbourhood's {how.clamp}" if rest[0] else "history as it is"),
-            Part("variable weight", rest[1], f"up to {how.alpha_most:g}" if how.alpha_most else "one α for all"))
+            Part("variable weight", rest[1], f"up to {how.alpha_most:g}" if how.alpha_most else "one for all"))
 
 
 def nothing_filtered(job: Job) -> dict[str, Field]:
