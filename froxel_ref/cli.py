@@ -50,6 +50,8 @@ examples:
   froxel-ref render lights
   froxel-ref render thesis-hall --set 'global_media[0].extinction=0.05' --fidelity published -o thick.png
   froxel-ref render my-scene.json --size 1920x1080 -o my-scene.exr
+  froxel-ref render my-scene.json --frames 90 -o frames --set temporal.filter=scattering
+  froxel-ref render my-scene.json --frames 90 -o frames --set temporal.filter=scattering --resume
 """
 GOLDEN = """\
 Writes a folder per stage with .npy arrays in GPU order, pictures, manifest.json and contact_sheet.png,
@@ -200,7 +202,10 @@ def _parser() -> argparse.ArgumentParser:
     command("scenes", _scenes, "list the built-in scenes", "example:\n  froxel-ref scenes\n")
     render = command("render", _render, "compute a frame and write its final image", RENDER)
     _scene_options(render)
-    _output_options(render, "IMAGE", "file to write (default: SCENE.png)")
+    _output_options(render, "IMAGE", "file to write (default: SCENE.png); with --frames a folder, or a .gif")
+    render.add_argument("--frames", metavar="N", help="compute a sequence of N frames, as the scene's tracks move it")
+    render.add_argument("--rate", metavar="R", default="30", help="frames a second (default: 30)")
+    render.add_argument("--resume", action="store_true", help="go on behind the last frame of a folder of frames")
     golden = command("golden", _golden, "write every stage's arrays as a golden set", GOLDEN)
     _scene_options(golden, default="thesis-hall")
     _output_options(golden, "DIR", "folder to make (default: golden-SCENE)")
@@ -301,12 +306,46 @@ def _render(args: argparse.Namespace) -> None:
     from froxel_ref.image_files import image_writer
     from froxel_ref.output import output_path, whole_file
 
+    if args.frames is not None:
+        _render_sequence(args)
+        return
+    if args.resume:
+        raise InputError("--resume", "is given for one image, must come with --frames")
     loaded = _load(args)
     path = output_path(args.output, f"{Path(args.scene).stem}.png")
     write = image_writer(path)
     with progress("stages") as tell, whole_file(path, force=args.force) as partial:
         frame = _run(loaded, ["apply/radiance"], tell)
         write(partial, frame)
+    print(path)
+
+
+def _render_sequence(args: argparse.Namespace) -> None:
+    from froxel_ref.assets import load_assets
+    from froxel_ref.output import output_path
+    from froxel_ref.sequence_files import write_animation, write_frames
+
+    if not re.fullmatch(r"[0-9]{1,9}", args.frames) or int(args.frames) < 1:
+        raise InputError("--frames", f"is {shown(args.frames)}, must be a whole number of at least 1")
+    if not re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", args.rate) or float(args.rate) <= 0.0:
+        raise InputError("--rate", f"is {shown(args.rate)}, must be a number above 0 such as 30")
+    if args.force and args.resume:
+        raise InputError("--resume", "is given with --force, must be one of the two: go on, or begin anew")
+    frames, rate = int(args.frames), float(args.rate)
+    path = output_path(args.output, f"frames-{Path(args.scene).stem}")
+    animation = path.suffix.lower() == ".gif"
+    if not animation and path.suffix and not path.is_dir():
+        raise InputError("output", f"{shown(str(path))} must be a folder, or end in .gif, with --frames")
+    if animation and args.resume:
+        raise InputError("--resume", "is given for a .gif, must come with a folder of frames")
+    loaded = _load(args)
+    assets = load_assets(loaded.scene, loaded.folder)
+    with progress("frames") as tell:
+        if animation:
+            write_animation(loaded, assets, path, frames=frames, rate=rate, force=args.force, progress=tell)
+        else:
+            write_frames(loaded, assets, path, frames=frames, rate=rate, force=args.force, resume=args.resume,
+                         progress=tell)
     print(path)
 
 
