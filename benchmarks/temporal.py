@@ -58,7 +58,8 @@ def configurations(repeat: int, data: str | None) -> None:
     assets = load_assets(loaded.scene, loaded.folder)
     for size in ((160, 90, 64), (240, 135, 128)):
         grid = dataclasses.replace(loaded.settings.grid, width=size[0], height=size[1], depth=size[2])
-        print("\nthesis-hall, {}x{}x{}, float64, second frame at rest: milliseconds, least (median)".format(*size))
+        froxels = "x".join(map(str, size))
+        print(f"\nthesis-hall, {froxels}, float64, second frame at rest: milliseconds, least (median)")
         print(f"{'merged':<8}{'checkerboard':<14}{'shadows':<9}{'media to filter':>18}{'share':>7}{'frame':>16}{'MB':>7}"
               f"{'image error':>13}")
         for shadows in ("off", "maps"):
