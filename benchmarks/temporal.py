@@ -60,8 +60,8 @@ def configurations(repeat: int, data: str | None) -> None:
         grid = dataclasses.replace(loaded.settings.grid, width=size[0], height=size[1], depth=size[2])
         froxels = "x".join(map(str, size))
         print(f"\nthesis-hall, {froxels}, float64, second frame at rest: milliseconds, least (median)")
-        print(f"{'merged':<8}{'checkerboard':<14}{'shadows':<9}{'media to filter':>18}{'share':>7}{'frame':>16}{'MB':>7}"
-              f"{'image error':>13}")
+        print(f"{'merged':<8}{'checkerboard':<14}{'shadows':<9}{'media to filter':>18}{'share':>7}{'frame':>16}"
+              f"{'MB':>7}{'image error':>13}")
         for shadows in ("off", "maps"):
             base, plain = 0.0, None
             for checkerboard in (False, True):
