@@ -11,7 +11,7 @@ import numpy as np
 from froxel_ref.assets import Assets, load_assets
 from froxel_ref.frame import Frame, Progress, run_frame
 from froxel_ref.records import InputError, shown
-from froxel_ref.scene import Box, Camera, Scene, Sphere
+from froxel_ref.scene import Box, Camera, Mesh, Scene, Sphere
 from froxel_ref.scene_motion import scene_at
 from froxel_ref.settings import Settings, replace
 
@@ -157,7 +157,16 @@ def _frames(scene: Scene, camera_path: CameraPath | None, numbers: range, settin
     for number in numbers:
         if progress is not None:
             progress(f"frame {number}", number - numbers.start, len(numbers))
-        previous = run_frame(moment(scene, camera_path, number, rate=rate),
-                             replace(settings, time=settings.time + number / rate), assets=assets, outputs=wanted,
-                             threads=threads, previous=previous, frame=number, cut=number in cuts)
+        now = moment(scene, camera_path, number, rate=rate)
+        previous = run_frame(now, replace(settings, time=settings.time + number / rate),
+                             assets=_moved(assets, scene, now), outputs=wanted, threads=threads, previous=previous,
+                             frame=number, cut=number in cuts)
         yield previous
+
+
+def _moved(assets: Assets, scene: Scene, now: Scene) -> Assets:
+    """Meshes by their records of this moment."""
+    pairs = zip(scene.surfaces, now.surfaces, strict=True)
+    meshes = {after: assets.meshes[before] for before, after in pairs if isinstance(before, Mesh)
+              and isinstance(after, Mesh)}
+    return assets._replace(meshes=meshes) if meshes else assets

@@ -7,9 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from froxel_ref.assets import load_assets
 from froxel_ref.frame import FINAL, run_frame
 from froxel_ref.records import InputError
-from froxel_ref.scene import Box, Camera, Key, Medium, PointLight, Scene, Sphere, Track, Transform
+from froxel_ref.scene import Box, Camera, Key, Medium, Mesh, PointLight, Scene, Sphere, Track, Transform
 from froxel_ref.scene_motion import scene_at
 from froxel_ref.sequence import moment, run_sequence
 from froxel_ref.settings import Grid, Settings, Temporal
@@ -84,3 +85,20 @@ def test_bad_input_is_named() -> None:
                         ({"camera_path": lambda n: None}, r"^camera_path\[0\]: is a NoneType")):
         with pytest.raises(InputError, match=words):
             run_sequence(MOVING, settings=HOW, **more)  # type: ignore[arg-type]
+
+
+def test_a_mesh_that_moves_is_found_among_its_assets() -> None:
+    pytest.importorskip("embreex", reason="meshes need the extra 'mesh'")
+    mesh = Mesh(path="pyramid.obj", transform=Transform(translate=(-1, 1.5, -4)))
+    corners = np.array([(-1, 0, -1), (1, 0, -1), (1, 0, 1), (-1, 0, 1), (0, 1.5, 0)], float)
+    faces = np.array([(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)])
+    empty = load_assets(Scene(), None)
+    scene = dataclasses.replace(MOVING, surfaces=(mesh,), tracks=(
+        Track(path="surfaces[0].transform.translate[0]", keys=(Key(time=0, value=-1), Key(time=0.1, value=1))),))
+    made = list(run_sequence(scene, frames=4, settings=dataclasses.replace(HOW, temporal=Temporal()),
+                             assets=empty._replace(meshes={mesh: (corners, faces)})))
+    assert not np.array_equal(made[0][FINAL], made[3][FINAL])
+    there = dataclasses.replace(mesh, transform=Transform(translate=(1, 1.5, -4)))
+    want = run_frame(dataclasses.replace(scene, surfaces=(there,), tracks=()), made[3].settings,
+                     assets=empty._replace(meshes={there: (corners, faces)}))
+    np.testing.assert_array_equal(made[3][FINAL], want[FINAL])
