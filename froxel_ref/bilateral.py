@@ -14,6 +14,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from froxel_ref import blocks
 from froxel_ref.arrays import Field
+from froxel_ref.fog_lookups import rotated_taps
 from froxel_ref.geometry import Rays, camera_rays
 from froxel_ref.records import InputError, shown, suggest
 from froxel_ref.scene import Camera
@@ -151,8 +152,7 @@ def rotated_offsets(noise: Field, *, reach: float = 1.5) -> Field:
     """
     if noise.ndim != 3 or noise.shape[0] != 4:
         raise InputError("noise", f"has shape {noise.shape}, must be (4, h, w)")
-    spread = (noise * 2.0 - 1.0) * reach
-    return np.stack([spread, np.roll(spread, -1, axis=0)], axis=1)
+    return rotated_taps(noise, taps=4, axes=2, reach=reach)
 
 
 def upsample(fields: Sequence[Field], half: Field, depth: Field, *, offsets: Field | None = None,

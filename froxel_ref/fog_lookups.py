@@ -14,7 +14,7 @@ from froxel_ref.records import InputError, shown
 from froxel_ref.sampling import fetch_trilinear
 from froxel_ref.tonemap import inverse_tone_map
 
-__all__ = ["ALONG_Z", "Fetch", "fetch_biquadratic", "noisy_lookup", "tap_offsets"]
+__all__ = ["ALONG_Z", "Fetch", "fetch_biquadratic", "noisy_lookup", "rotated_taps", "tap_offsets"]
 
 ALONG_Z = ("linear", "quadratic")
 
@@ -87,12 +87,35 @@ def tap_offsets(rows: NDArray[np.integer[Any]], columns: NDArray[np.integer[Any]
         raise InputError("noise", f"has {count} components, must have 3 at least")
     if isinstance(taps, bool) or taps not in range(1, count + 1):
         raise InputError("taps", f"is {shown(taps)}, must be 1 to {count}, the components of the noise")
-    values *= values.dtype.type(2.0)
-    values -= values.dtype.type(1.0)
-    values *= values.dtype.type(reach)
-    offsets = np.stack([values[np.arange(i, i + 3) % count] for i in range(taps)])
+    offsets = rotated_taps(values, taps=taps, axes=3, reach=reach)
     offsets[:, 2] *= values.dtype.type(depth_share)
     return offsets
+
+
+def rotated_taps(noise: Field, *, taps: int, axes: int, reach: float) -> Field:
+    """Offsets of several taps from the components of one noise, rotated from tap to tap.
+
+    Parameters
+    ----------
+    noise : ndarray, shape (n, …)
+        In [0, 1].
+    taps, axes : int
+        Of each at most n.
+    reach : float
+        Largest offset, either way.
+
+    Returns
+    -------
+    ndarray, shape (taps, axes, …)
+        Tap i has the components i, i + 1, … of (2·noise − 1)·reach, counted round [Dörries 2020, listing 3.13].
+
+    Examples
+    --------
+    >>> rotated_taps(np.array([0.0, 0.5, 1.0]), taps=3, axes=2, reach=1.0).tolist()
+    [[-1.0, 0.0], [0.0, 1.0], [1.0, -1.0]]
+    """
+    spread = (noise * noise.dtype.type(2.0) - noise.dtype.type(1.0)) * noise.dtype.type(reach)
+    return np.stack([spread[np.arange(i, i + axes) % len(spread)] for i in range(taps)])
 
 
 def noisy_lookup(texture: Array, x: ArrayLike, y: ArrayLike, z: ArrayLike, offsets: Field, *, bias: float = 1.5,

@@ -20,8 +20,8 @@ from froxel_ref.checkerboard import lattice_froxels, lattices
 from froxel_ref.grid import Froxels
 from froxel_ref.jobs import Job, Results
 from froxel_ref.light_visibility import light_visibility
-from froxel_ref.quantities import QUANTITIES
-from froxel_ref.scene import Medium, PointLight
+from froxel_ref.quantities import QUANTITIES, stored_grid
+from froxel_ref.scene import PointLight
 
 __all__ = [
     "Piece", "fog_tiling", "lobe_fields", "merged_fields", "pieces", "scattered_fields", "v_buffer", "voxel_fields",
@@ -65,13 +65,13 @@ def pieces(job: Job) -> list[Piece]:
     >>> [len(pieces(Job(Scene(), Settings(checkerboard=half), None))) for half in (False, True)]
     [1, 4]
     """
-    grid = job.settings.grid
-    if not job.settings.checkerboard:
+    how = job.settings
+    if not how.checkerboard:
         found = [Piece(job.froxels, (slice(None),) * 3)]
     else:
-        boxes = lattices((grid.depth, grid.height, grid.width), job.frame, parity=job.settings.checkerboard_parity)
+        boxes = lattices(how.grid.shape, job.frame, parity=how.checkerboard_parity)
         found = [Piece(lattice_froxels(job.froxels, box), (slice(None), *box[1:])) for box in boxes]
-    return [slab for piece in found for slab in _slabs(piece)] if job.settings.merged else found
+    return [slab for piece in found for slab in _slabs(piece)] if how.merged else found
 
 
 def _slabs(piece: Piece) -> list[Piece]:
@@ -80,12 +80,6 @@ def _slabs(piece: Piece) -> list[Piece]:
     deep = max(1, SLAB // (rows * columns))
     return [Piece(piece.froxels._replace(depths=depths[k:k + deep]),
                   (slice(k, min(k + deep, len(depths))), *piece.place[1:])) for k in range(0, len(depths), deep)]
-
-
-def _half(job: Job) -> int:
-    """Slices that the fields of media and lighting have."""
-    depth = job.settings.grid.depth
-    return -(-depth // 2) if job.settings.checkerboard else depth
 
 
 def _assembled(job: Job, parts: Sequence[Piece], make: Callable[[Piece, int | None], dict[str, Field]]
@@ -99,7 +93,7 @@ def _assembled(job: Job, parts: Sequence[Piece], make: Callable[[Piece, int | No
         made[k] = make(parts[k], 1)
 
     blocks.run(one, range(len(parts)), threads=job.threads)
-    shape = (_half(job), job.settings.grid.height, job.settings.grid.width)
+    shape = stored_grid("media/extinction", job.settings).shape
     return {name: _joined([each[name] for each in made], parts, shape) if QUANTITIES[name].axes.endswith("zyx")
             else made[0][name] for name in made[0]}
 
@@ -236,31 +230,15 @@ def _scattered(job: Job, results: Results, visibility: Visibility, fields: Mappi
         lighting.in_scattering, v_buffer(fields), scene.all_lights, part.froxels, ambient=scene.ambient,
         second_lobe=settings.second_lobe, emission=settings.emission, attenuation=settings.attenuation,
         ambient_term=settings.ambient, visibility=visibility,
-        exposure=scene.camera.exposure if settings.exposure == "lighting" else 1.0, threads=threads,
-        candidates=_candidates(job, results, "light", part.froxels), anisotropy_span=_anisotropy_span(job),
-        restrict=not job.full)
+        exposure=job.exposure, threads=threads,
+        candidates=_candidates(job, results, "light", part.froxels), restrict=not job.full,
+        anisotropy_span=media.anisotropy_span((*scene.global_media, *scene.local_media), settings))
     made = {"lighting/in_scattering": light(phase_function=settings.phase_function)}
     if settings.temporal.filter == "unphased":
         made["lighting/unphased"] = light(phase_function="isotropic")
     else:
         made["lighting/unphased"] = np.zeros((3, 0, 0, 0), job.dtype)
     return made
-
-
-def _anisotropy_span(job: Job) -> tuple[float, float]:
-    """Between which numbers the grid's g lies, by the media that it is a mean of; the same for every piece."""
-    settings = job.settings
-    media_there = (*job.scene.global_media, *job.scene.local_media)
-    if settings.phase_mixing != "mean":
-        media_there = tuple(medium for medium in media_there if _scatters(medium))
-    found = {medium.phase_anisotropy for medium in media_there}
-    if settings.phase_mixing == "mean" or len(found) != 1:  # 0 where nothing scatters
-        found |= {0.0}
-    return min(found), max(found)
-
-
-def _scatters(medium: Medium) -> bool:
-    return bool(np.any(np.multiply(medium.albedo, medium.extinction) > 0.0))
 
 
 def voxel_fields(job: Job, results: Results) -> dict[str, Field]:

@@ -28,7 +28,7 @@ from froxel_ref.scene import Folds, HeightField, PointLight, Scene
 from froxel_ref.settings import Settings
 from froxel_ref.shadow_stage import map_bytes
 from froxel_ref.stages import STAGES
-from froxel_ref.temporal_stage import HISTORY
+from froxel_ref.temporal_stage import HISTORY, needs_filter
 
 __all__ = [
     "FINAL", "QUANTITIES", "Frame", "Plan", "Planned", "Quantity", "estimate_bytes", "plan", "run_frame",
@@ -143,10 +143,9 @@ def estimate_bytes(scene: Scene, settings: Settings) -> int:
 
 def _idle(name: str, settings: Settings) -> bool:
     """Whether a result of temporal filters is empty."""
-    filters = settings.temporal.filter != "off" or settings.checkerboard
     if name.endswith("/unphased"):
         return settings.temporal.filter != "unphased"
-    return name.startswith("temporal/") and not filters
+    return name.startswith("temporal/") and not needs_filter(settings)[0]
 
 
 def _bounded(scene: Scene) -> tuple[int, int]:
@@ -382,5 +381,4 @@ def _history(job: Job, held: Mapping[str, Field]) -> History | None:
     for array in held.values():
         array.flags.writeable = False
     length = 1 if job.history is None else job.history.length + 1
-    exposure = job.scene.camera.exposure if job.settings.exposure == "lighting" else 1.0
-    return History(held, job.scene.camera, job.settings.grid, exposure, length)
+    return History(held, job.scene.camera, job.settings.grid, job.exposure, length)

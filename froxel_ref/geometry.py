@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,11 +19,20 @@ from froxel_ref.arrays import Field, Points
 from froxel_ref.scene import Camera
 
 __all__ = [
-    "CUBE", "Lines", "Rays", "camera_rays", "clip_from_view", "crop_rays", "cross", "dot", "normalize",
-    "ray_bounds", "ray_points", "transform_points", "view_from_world", "world_from_view",
+    "CUBE", "SLACK", "Lines", "Rays", "bounding_radius", "camera_rays", "clip_from_view", "crop_rays", "cross", "dot",
+    "inside_raster", "normalize", "ray_bounds", "ray_points", "transform_points", "turn_and_shift", "turned",
+    "view_from_world", "world_from_view",
 ]
 
 Matrix = NDArray[np.float64]
+
+# An entry of the turn between two cameras this near to 0 or 1 is rounding: the axes that it is formed from are off by
+# as much. So a camera that stands still turns by nothing at all.
+STILL = 4.0 * 2.0**-52
+
+# Texels by which a coordinate may lie beyond a raster's end and still count as on it: far more than rounding moves it,
+# and so little that no filter can tell.
+SLACK = 2.0**-30
 
 CUBE = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 """Corners of the cube [−1, 1]³, shape (8, 3)."""
@@ -442,6 +452,87 @@ def transform_points(matrix: Matrix, points: Points, *, directions: bool = False
     """
     x, y, z = (_row(matrix[row], points, not directions) for row in range(3))
     return x, y, z
+
+
+def turn_and_shift(camera: Camera, previous: Camera) -> tuple[Matrix, Matrix]:
+    """What takes points from a camera's view space to that of an earlier one.
+
+    Parameters
+    ----------
+    camera, previous : Camera
+
+    Returns
+    -------
+    turn : ndarray, shape (3, 3)
+        The identity exactly for cameras that look the same way: entries within 4 roundings of 0 or 1 are these.
+    shift : ndarray, shape (3,) [m]
+        From both cameras alone, so that the world's origin costs no digits.
+
+    Examples
+    --------
+    >>> near, far = (Camera(position=(0, 0, z), target=(0, 0, 0)) for z in (1, 2))
+    >>> turn, shift = turn_and_shift(near, far)
+    >>> bool((turn == np.eye(3)).all()), shift.tolist()
+    (True, [0.0, 0.0, -1.0])
+    """
+    now, then = world_from_view(camera), world_from_view(previous)
+    turn: Matrix = then[:3, :3].T @ now[:3, :3]
+    turn = np.where(np.abs(turn) <= STILL, 0.0, turn)
+    turn = np.where(np.abs(np.abs(turn) - 1.0) <= STILL, np.sign(turn), turn)
+    return turn, then[:3, :3].T @ (now[:3, 3] - then[:3, 3])
+
+
+def turned(row: Matrix, ray: Points) -> Matrix:
+    """One component of a turned vector.
+
+    Parameters
+    ----------
+    row : ndarray, shape (3,)
+        Of the turn.
+    ray : Points
+
+    Returns
+    -------
+    ndarray
+        Without the terms whose factor is 0, so that their axes stay away.
+
+    Examples
+    --------
+    >>> turned(np.array([0.0, 2.0, 0.0]), (np.ones((3, 1)), np.ones((1, 1)), np.ones((1, 4)))).tolist()
+    [[2.0]]
+    """
+    total: Matrix = np.zeros((1,) * ray[0].ndim)
+    for factor, component in zip(row.tolist(), ray, strict=True):
+        if factor != 0.0:
+            total = total + factor * component
+    return total
+
+
+def inside_raster(coordinates: Sequence[Field], counts: Sequence[int]) -> NDArray[np.bool_]:
+    """Whether texel coordinates lie in a raster, both of its ends included.
+
+    Parameters
+    ----------
+    coordinates : sequence of Field, broadcastable together
+    counts : sequence of int
+        Texels along each.
+
+    Returns
+    -------
+    ndarray of bool
+        One element where all of them do. Beyond an end by no more than `SLACK` counts as on it.
+
+    Examples
+    --------
+    >>> inside_raster([np.array([[0.0, 2.0]]), np.array([[0.5]])], [2, 1]).tolist()
+    [[True]]
+    """
+    result = np.ones((1,) * coordinates[0].ndim, np.bool_)
+    for coordinate, count in zip(coordinates, counts, strict=True):
+        inside = (coordinate >= -SLACK) & (coordinate <= count + SLACK)
+        if not inside.all():
+            result = result & inside
+    return result
 
 
 def bounding_radius(pose: Matrix) -> float:

@@ -17,7 +17,7 @@ from froxel_ref.records import InputError, shown
 if TYPE_CHECKING:
     from froxel_ref.frame import Frame
 
-__all__ = ["image_writer", "linear_image", "write_png"]
+__all__ = ["display_image", "image_writer", "linear_image", "write_png"]
 
 
 def image_writer(path: Path) -> Callable[[Path, Frame], None]:
@@ -111,9 +111,30 @@ def write_png(path: Path, image: NDArray[np.uint8]) -> None:
     path.write_bytes(iio.imwrite("<bytes>", image, extension=".png", plugin="pillow"))
 
 
+def display_image(frame: Frame) -> NDArray[np.uint8]:
+    """The final image as displayed: exposed, tone-mapped, sRGB.
+
+    Parameters
+    ----------
+    frame : Frame
+        With the result ``apply/radiance``.
+
+    Returns
+    -------
+    array of uint8, shape (height, width, 3)
+
+    Examples
+    --------
+    >>> import froxel_ref
+    >>> scene, settings, _ = froxel_ref.load("vacuum", overrides=["camera.width=4", "camera.height=2"])
+    >>> display_image(froxel_ref.run_frame(scene, settings)).shape
+    (2, 4, 3)
+    """
+    return final_image(frame["apply/radiance"], View(frame.scene.camera, frame.settings.grid, frame.display_exposure))
+
+
 def _write_display(path: Path, frame: Frame) -> None:
-    view = View(frame.scene.camera, frame.settings.grid, frame.display_exposure)
-    write_png(path, final_image(frame["apply/radiance"], view))
+    write_png(path, display_image(frame))
 
 
 def _write_npy(path: Path, frame: Frame) -> None:

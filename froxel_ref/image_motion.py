@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from froxel_ref.arrays import Field
-from froxel_ref.geometry import clip_from_view, world_from_view
+from froxel_ref.geometry import clip_from_view, inside_raster, turn_and_shift, turned
 from froxel_ref.records import InputError, shown
 from froxel_ref.scene import Camera
 
@@ -20,14 +20,6 @@ __all__ = ["Motion", "closest_depth", "from_velocity", "motion"]
 
 Doubles = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-# An entry of the turn between two cameras this near to 0 or 1 is rounding: the axes that it is formed from are off by
-# as much. So a camera that stands still turns by nothing at all.
-STILL = 4.0 * 2.0**-52
-
-# Pixels by which a position may lie beyond the image's edge and still count as on it: far more than rounding moves it,
-# and so little that no filter can tell.
-SLACK = 2.0**-30
 
 # A pixel and its neighbours, itself first: where several are as near, the first of these is taken.
 AROUND = tuple(sorted(((j, i) for j in (-1, 0, 1) for i in (-1, 0, 1)), key=lambda step: step != (0, 0)))
@@ -112,11 +104,11 @@ def motion(depth_image: Field, camera: Camera, previous_camera: Camera, *, shape
         raise InputError("depth_image", f"has shape {depth.shape}, must be {(height, width)}, or 1 along an axis")
     if (depth < 0.0).any():
         raise InputError("depth_image", f"holds {float(np.nanmin(depth)):g}, must be at least 0 m")
-    turn, shift = _turn_and_shift(camera, previous_camera)
+    turn, shift = turn_and_shift(camera, previous_camera)
     clip, clip_before = clip_from_view(camera, 1.0), clip_from_view(previous_camera, 1.0)
     x, y = _centres((height, width))
     ray = ((2.0 * x / width - 1.0) / clip[0, 0], (1.0 - 2.0 * y / height) / clip[1, 1], np.full((1, 1), -1.0))
-    qx, qy, qz = _shifted([_row(row, ray) for row in turn], shift, depth)
+    qx, qy, qz = _shifted([turned(row, ray) for row in turn], shift, depth)
     ahead = np.where(qz < 0.0, -qz, np.nan)
     still = np.array_equal(turn, np.eye(3)) and not shift.any()
     with np.errstate(over="ignore"):  # what grazes that camera's plane
@@ -234,30 +226,7 @@ def _centres(shape: tuple[int, int]) -> tuple[Doubles, Doubles]:
 
 def _motion(x: Field, y: Field, shape: tuple[int, int]) -> Motion:
     """With what lies in the image marked."""
-    valid = np.ones((1, 1), np.bool_)
-    for coordinate, count in ((y, shape[0]), (x, shape[1])):
-        inside = (coordinate >= -SLACK) & (coordinate <= count + SLACK)
-        if not inside.all():
-            valid = valid & inside
-    return Motion(x, y, valid, shape)
-
-
-def _turn_and_shift(camera: Camera, previous: Camera) -> tuple[Doubles, Doubles]:
-    """Turn and shift [m] that take points from this view to the previous one."""
-    now, then = world_from_view(camera), world_from_view(previous)
-    turn: Doubles = then[:3, :3].T @ now[:3, :3]
-    turn = np.where(np.abs(turn) <= STILL, 0.0, turn)
-    turn = np.where(np.abs(np.abs(turn) - 1.0) <= STILL, np.sign(turn), turn)
-    return turn, then[:3, :3].T @ (now[:3, 3] - then[:3, 3])
-
-
-def _row(row: Doubles, ray: tuple[Doubles, Doubles, Doubles]) -> Doubles:
-    """One component of R·r, without the terms whose factor is 0, so that their axes stay away."""
-    total: Doubles = np.zeros((1, 1))
-    for factor, component in zip(row.tolist(), ray, strict=True):
-        if factor != 0.0:
-            total = total + factor * component
-    return total
+    return Motion(x, y, inside_raster((y, x), shape), shape)
 
 
 def _shifted(directions: list[Doubles], shift: Doubles, depth: Doubles) -> list[Doubles]:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from froxel_ref.records import InputError, shown, suggest
 
-__all__ = ["BASES", "POINTS", "froxel_jitter", "halton", "jitter_points"]
+__all__ = ["BASES", "POINTS", "froxel_jitter", "halton", "jitter_points", "mirrored"]
 
 Doubles = NDArray[np.float64]
 
@@ -77,6 +77,33 @@ def halton(index: ArrayLike, base: int) -> Doubles:
         denominator = np.where(running, denominator * base, denominator)
         rest = rest // base
     return np.asarray(numerator / denominator)
+
+
+def mirrored(index: int, base: int) -> Fraction:
+    """One value of a Halton sequence exactly.
+
+    Parameters
+    ----------
+    index : int
+        At least 0.
+    base : int
+        At least 2.
+
+    Returns
+    -------
+    Fraction
+        The index's digits mirrored at the point; `halton` is its nearest float.
+
+    Examples
+    --------
+    >>> mirrored(5, 3)
+    Fraction(7, 9)
+    """
+    numerator, denominator = 0, 1
+    while index:
+        index, digit = divmod(index, base)
+        numerator, denominator = numerator * base + digit, denominator * base
+    return Fraction(numerator, denominator)
 
 
 def froxel_jitter(frame: int, *, points: str = "centred", count: int = 32, hold: int = 1) -> tuple[float, float, float]:
@@ -189,22 +216,10 @@ def _cycle(points: str, count: int) -> Doubles:
 
 def _centred(count: int, base: int) -> Doubles:
     """One axis of the published points about their mean, which is taken to ½, in exact fractions."""
-    digits = 1
-    while base**digits <= count:
-        digits += 1
-    exact = [_mirrored(i, base, digits) for i in range(1, count + 1)]  # over base**digits
-    mean = Fraction(sum(exact), count * base**digits)
-    offsets = [Fraction(n, base**digits) - mean for n in exact]
+    exact = [mirrored(i, base) for i in range(1, count + 1)]
+    mean = sum(exact, Fraction(0)) / count
+    offsets = [value - mean for value in exact]
     reach = max(offsets)
     room = Fraction(BELOW_ONE) - Fraction(1, 2)
     scale = Fraction(1) if reach <= room else room / reach
     return np.array([float(Fraction(1, 2) + offset * scale) for offset in offsets])
-
-
-def _mirrored(index: int, base: int, digits: int) -> int:
-    """The index's digits, this many of them, in the opposite order."""
-    result = 0
-    for _ in range(digits):
-        index, digit = divmod(index, base)
-        result = result * base + digit
-    return result

@@ -18,6 +18,8 @@ from froxel_ref.settings import Grid, Settings
 
 __all__ = ["History", "Job", "Need", "Part", "Results", "Same", "Stage"]
 
+MIDDLE = (0.5, 0.5, 0.5)
+
 
 @dataclass(frozen=True)
 class History:
@@ -61,23 +63,28 @@ class Job:
         """Where in its froxel this frame's sample lies."""
         how = self.settings
         if how.temporal.filter == "off" or how.jitter == "off":
-            return 0.5, 0.5, 0.5
+            return MIDDLE
         # Each colour of a checkerboard has its turn at every point.
         hold = 2 if how.checkerboard and how.jitter == "centred" else 1
         return froxel_jitter(self.frame, points=how.jitter, hold=hold)
 
+    @property
+    def exposure(self) -> float:
+        """The factor that light holds already, before display (A12)."""
+        return self.scene.camera.exposure if self.settings.exposure == "lighting" else 1.0
+
     @cached_property
     def froxels(self) -> Froxels:
         """The froxel grid of this camera, its samples where this frame has them."""
-        froxels = make_froxels(self.scene.camera, self.settings.grid, jitter=self.jitter, dtype=self.dtype)
-        return froxels._replace(rays=_whole(froxels.rays)) if self.full else froxels
+        return self._froxels(self.jitter)
 
     @cached_property
     def centres(self) -> Froxels:
         """The froxel grid with the samples in the middle."""
-        if self.jitter == (0.5, 0.5, 0.5):
-            return self.froxels
-        froxels = make_froxels(self.scene.camera, self.settings.grid, dtype=self.dtype)
+        return self.froxels if self.jitter == MIDDLE else self._froxels(MIDDLE)
+
+    def _froxels(self, jitter: tuple[float, float, float]) -> Froxels:
+        froxels = make_froxels(self.scene.camera, self.settings.grid, jitter=jitter, dtype=self.dtype)
         return froxels._replace(rays=_whole(froxels.rays)) if self.full else froxels
 
     @cached_property

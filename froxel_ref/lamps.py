@@ -136,13 +136,13 @@ def make_lobe(scattering: Field, share: float, first: bool, name: str, g: Field 
     if largest > 1.0:
         raise InputError("phase_anisotropy", f"is {largest:g} in size, must be below 1")
     inside = 1.0 - float(np.finfo(dtype).epsneg)
-    if low == high or name in ("isotropic", "rayleigh"):
-        values = np.clip(np.full((1, 1, 1), float(values.min())), -inside, inside)  # the last two have no g
+    varies = low != high and name not in ("isotropic", "rayleigh")  # which have no g
+    if not varies:
+        values = np.clip(np.full((1, 1, 1), float(values.min())), -inside, inside)
     elif largest > inside:
         values = np.clip(values, -inside, inside)
     if name == "henyey_greenstein" and largest == 0.0:
         name = "isotropic"
-    varies = low != high and name not in ("isotropic", "rayleigh")
     return Lobe(scattering, share, first, name, values, 2.0 * largest > PLAIN * (1.0 - largest) ** 2, varies)
 
 

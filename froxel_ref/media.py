@@ -22,7 +22,9 @@ from froxel_ref.records import InputError
 from froxel_ref.scene import LocalMedium, Medium, NoiseDensity, Rgb, Scene, VolumeDensity
 from froxel_ref.settings import SWITCHES, Settings
 
-__all__ = ["VBuffer", "albedo_of", "contributing", "density", "media_at", "pack_v_buffer", "voxelise"]
+__all__ = [
+    "VBuffer", "albedo_of", "anisotropy_span", "contributing", "density", "media_at", "pack_v_buffer", "voxelise",
+]
 
 Textures = Mapping[NoiseDensity | VolumeDensity, NDArray[Any]]
 
@@ -172,14 +174,46 @@ def _values(term: _Term, points: Points, settings: Settings) -> dict[bool, Field
     return {False: value, True: one if inside is None else inside.astype(value.dtype)}
 
 
+def _one_anisotropy(media: Sequence[Medium], settings: Settings) -> float:
+    """g where `_wanted` has none: one number everywhere."""
+    shared = [m.phase_anisotropy for m in media] if settings.phase_mixing == "mean" else _lobe_anisotropies(media)
+    return (shared or [0.0])[0]
+
+
+def anisotropy_span(media: Sequence[Medium], settings: Settings) -> tuple[float, float]:
+    """Between which numbers a V-Buffer's phase anisotropy lies, whatever froxels it is of.
+
+    Parameters
+    ----------
+    media : sequence of Medium
+        Global, then local ones.
+    settings : Settings
+        Its phase_mixing.
+
+    Returns
+    -------
+    (float, float)
+        Twice the same where g is one number everywhere.
+
+    Examples
+    --------
+    >>> fog, ball = Medium(phase_anisotropy=0.5), LocalMedium(phase_anisotropy=0.8)
+    >>> [anisotropy_span(media, Settings()) for media in ((fog,), (ball,), (fog, ball))]
+    [(0.5, 0.5), (0.8, 0.8), (0.0, 0.8)]
+    """
+    if not {"anisotropy", "member_anisotropy"} & _wanted(media, settings).keys():
+        g = _one_anisotropy(media, settings)
+        return g, g
+    every = [m.phase_anisotropy for m in media] if settings.phase_mixing == "mean" else _lobe_anisotropies(media)
+    return min([0.0, *every]), max([0.0, *every])  # 0 where nothing scatters
+
+
 def _buffer(sums: Mapping[str, Field], anisotropy: Field | None, media: Sequence[Medium],
             settings: Settings) -> VBuffer:
     """The V-Buffer from its sums; without an anisotropy, g is one number everywhere."""
     scattering, extinction, lobes = sums["scattering"], sums["extinction"], _lobe_anisotropies(media)
     if anisotropy is None:
-        plain = settings.phase_mixing == "mean"
-        shared = [m.phase_anisotropy for m in media] if plain else lobes
-        anisotropy = np.full((1,) * (scattering.ndim - 1), (shared or [0.0])[0], scattering.dtype)
+        anisotropy = np.full((1,) * (scattering.ndim - 1), _one_anisotropy(media, settings), scattering.dtype)
     parts: tuple[tuple[Field, float], ...] = ()
     if settings.phase_mixing == "mixture":
         parts = tuple((sums.get(f"lobe {i}", scattering), g) for i, g in enumerate(lobes))

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from froxel_ref import blocks
 from froxel_ref.records import InputError, shown
 
-__all__ = ["ADDRESSES", "fetch_bilinear", "fetch_nearest", "fetch_trilinear"]
+__all__ = ["ADDRESSES", "at_centres", "fetch_bilinear", "fetch_nearest", "fetch_trilinear"]
 
 ADDRESSES = ("clamp", "wrap")
 
@@ -157,6 +157,30 @@ def fetch_nearest(texture: Array, x: ArrayLike, y: ArrayLike, z: ArrayLike | Non
     if not all(np.isfinite(c).all() if address == "wrap" else not np.isnan(c).any() for c in wide):
         raise InputError("coordinate", "is NaN or, with 'wrap', infinite; must be a number to name a texel")
     return _fetch(texture, coordinates, address, None, threads, nearest=True)
+
+
+def at_centres(coordinate: Array, axis: int, count: int) -> bool:
+    """Whether the coordinates along an axis are the centres of its texels, in order, and vary along no other.
+
+    Parameters
+    ----------
+    coordinate : ndarray
+    axis : int
+    count : int
+        Texels.
+
+    Returns
+    -------
+    bool
+        A fetch there gives the texture itself.
+
+    Examples
+    --------
+    >>> at_centres(np.array([[0.5, 1.5]]), 1, 2), at_centres(np.array([[0.5], [1.5]]), 1, 2)
+    (True, False)
+    """
+    return coordinate.size == count == coordinate.shape[axis] and np.array_equal(
+        coordinate.ravel(), np.arange(count) + 0.5)
 
 
 def _check(texture: Array, axes: int, address: str) -> None:

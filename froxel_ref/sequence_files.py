@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from froxel_ref.assets import Assets
 from froxel_ref.frame import Frame, Progress, plan
-from froxel_ref.image_files import write_png
+from froxel_ref.image_files import display_image, write_png
 from froxel_ref.jobs import History
 from froxel_ref.output import check_folder, read_manifest, refusal, whole_file
-from froxel_ref.pictures import View, final_image
 from froxel_ref.quantities import FINAL
 from froxel_ref.records import InputError, from_json, shown, to_json
 from froxel_ref.scene import Camera
@@ -65,10 +64,6 @@ def _foreign(folder: Path) -> str | None:
     known = {MANIFEST, STATE} if read_manifest(folder / MANIFEST, FORMAT) else set()
     return next((entry.name for entry in sorted(folder.iterdir())
                  if entry.name not in known and not (known and ours.fullmatch(entry.name))), None)
-
-
-def _picture(frame: Frame) -> NDArray[np.uint8]:
-    return final_image(frame[FINAL], View(frame.scene.camera, frame.settings.grid, frame.display_exposure))
 
 
 @contextmanager
@@ -136,7 +131,7 @@ def write_frames(loaded: Loaded, assets: Assets, folder: Path, *, frames: int, r
                                                 indent=1, allow_nan=False).encode())
         for number, frame in enumerate(made, first):
             with whole_file(folder / PICTURE.format(number), force=True) as partial:
-                write_png(partial, _picture(frame))
+                write_png(partial, display_image(frame))
             _save(folder / STATE, _packed(number, frame.history))
     return frames - first
 
@@ -183,8 +178,7 @@ def _state(folder: Path, written: Any, rate: float) -> _State | None:
 
 
 def write_animation(loaded: Loaded, assets: Assets, path: Path, *, frames: int, rate: float, force: bool = False,
-                    progress: Progress | None = None,
-                    encode: Callable[[list[NDArray[np.uint8]], float], bytes] | None = None) -> None:
+                    progress: Progress | None = None) -> None:
     """Compute a sequence into one animated GIF.
 
     Parameters
@@ -193,8 +187,6 @@ def write_animation(loaded: Loaded, assets: Assets, path: Path, *, frames: int, 
         As for `write_frames`.
     path : Path
         The file; it appears when all is done.
-    encode : callable, optional
-        From pictures and rate to the file's content.
 
     Raises
     ------
@@ -204,7 +196,7 @@ def write_animation(loaded: Loaded, assets: Assets, path: Path, *, frames: int, 
     with whole_file(path, force=force) as partial:
         made = run_sequence(loaded.scene, frames=frames, settings=loaded.settings, rate=rate, assets=assets,
                             outputs=[FINAL], progress=progress)
-        partial.write_bytes((encode or _gif)([_picture(frame) for frame in made], rate))
+        partial.write_bytes(_gif([display_image(frame) for frame in made], rate))
 
 
 def _gif(images: list[NDArray[np.uint8]], rate: float) -> bytes:

@@ -26,6 +26,11 @@ class Grid(Record):
     far: float = number(64.0, "view depth of the last boundary", **SIZE)
     distribution: str = choice(*DISTRIBUTIONS, default="exponential", about="how slices share the depth")
 
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Slices, rows and columns."""
+        return self.depth, self.height, self.width
+
     def check_together(self) -> None:
         if not self.near < self.far:
             raise InputError("near", f"is {self.near:g} m, must be below far ({self.far:g} m)")

@@ -269,8 +269,8 @@ def _merged_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
 
 
 def _needs_temporal(scene: Scene, settings: Settings) -> Need:
-    needed, why = temporal_stage.needs_filter(scene, settings)
-    return _has_media(scene, settings) if needed and not _has_media(scene, settings)[0] else (needed, why)
+    filters, fog = temporal_stage.needs_filter(settings), _has_media(scene, settings)
+    return filters if fog[0] or not filters[0] else fog
 
 
 # --- integrate --------------------------------------------------------------------------------------
@@ -319,7 +319,7 @@ def _run_particles(job: Job, results: Results) -> dict[str, Field]:
         ready, scene.all_lights, scene.camera.position, ambient=scene.ambient,
         visibility=light_visibility(job, results), attenuation=how.attenuation, size=fom_plan.particle_size(how),
         restrict=not job.full)
-    exposure = job.dtype.type(scene.camera.exposure if how.exposure == "lighting" else 1.0)  # the fog's has it
+    exposure = job.dtype.type(job.exposure)  # the fog's has it
     shape = scene.camera.height, scene.camera.width
     radiance, passed = particles.render_particles(
         ready, scene.camera, job.image_rays, np.broadcast_to(results["surface/depth"], shape),
@@ -365,8 +365,8 @@ def _under_particles(job: Job, image: Field, results: Results) -> Field:
 
 def _run_apply(job: Job, results: Results) -> dict[str, Field]:
     radiance = results["surface/radiance"]
-    if job.settings.exposure == "lighting":
-        radiance = radiance * job.dtype.type(job.scene.camera.exposure)
+    if job.exposure != 1.0:
+        radiance = radiance * job.dtype.type(job.exposure)
     if not (_needs_fog(job.scene, job.settings)[0] or job.full):
         return {"apply/fog_radiance": _constant(job, "cyx", BLACK),
                 "apply/fog_transmittance": _constant(job, "yx", 1.0), FINAL: _under_particles(job, radiance, results)}

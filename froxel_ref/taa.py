@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from froxel_ref import blocks
 from froxel_ref.arrays import Field
 from froxel_ref.image_motion import Motion
+from froxel_ref.jitter import mirrored
 from froxel_ref.records import InputError, shown, suggest
-from froxel_ref.sampling import fetch_bilinear
+from froxel_ref.sampling import at_centres, fetch_bilinear
 from froxel_ref.tonemap import inverse_tone_map, luma
 
 __all__ = ["AUTHOR", "BORDERS", "CLIPS", "INVERSES", "KERNELS", "POINTS", "PUBLISHED", "SPACES", "author_alpha",
@@ -111,20 +112,10 @@ def _cycle(points: str, count: int) -> NDArray[np.float64]:
     """All offsets of a cycle, (count, 2), read-only."""
     columns = []
     for base in (2, 3):
-        exact = [_halton(index, base) - Fraction(1, 2) for index in range(1, count + 1)]
+        exact = [mirrored(index, base) - Fraction(1, 2) for index in range(1, count + 1)]
         columns.append(_centred(exact) if points == "centred" else [float(value) for value in exact])
     result = np.array(columns).T
     result.setflags(write=False)
-    return result
-
-
-def _halton(index: int, base: int) -> Fraction:
-    """The index's digits mirrored at the point."""
-    result, share = Fraction(0), Fraction(1, base)
-    while index:
-        index, digit = divmod(index, base)
-        result += digit * share
-        share /= base
     return result
 
 
@@ -238,7 +229,7 @@ def fetch_history(history: Field, x: Field, y: Field, *, kernel: str = "five_tap
     if kernel not in KERNELS:
         raise InputError("kernel", f"is {shown(kernel)}; {suggest(str(kernel), KERNELS)}")
     height, width = history.shape[-2:]
-    if _are_centres(x, 1, width) and _are_centres(y, 0, height):
+    if x.ndim == y.ndim == 2 and at_centres(x, 1, width) and at_centres(y, 0, height):
         return history
     x, y = np.asarray(np.clip(x, -FAR, FAR)), np.asarray(np.clip(y, -FAR, FAR))
     finite = np.isfinite(history)
@@ -252,12 +243,6 @@ def fetch_history(history: Field, x: Field, y: Field, *, kernel: str = "five_tap
         fetched = np.asarray(np.where(spoilt, np.nan, fetched))
     with np.errstate(over="ignore"):  # an overshoot of the largest numbers
         return fetched.astype(history.dtype, copy=False)
-
-
-def _are_centres(coordinate: Field, axis: int, count: int) -> bool:
-    """Whether the coordinates along an axis are the centres of its pixels, in order."""
-    return coordinate.ndim == 2 and coordinate.size == count == coordinate.shape[axis] and np.array_equal(
-        coordinate.ravel(), np.arange(count) + 0.5)
 
 
 def _fetch(image: Field, x: Field, y: Field, kernel: str, bits: int | None, threads: int | None, *,

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from froxel_ref.arrays import Field
-from froxel_ref.geometry import clip_from_view, world_from_view
+from froxel_ref.geometry import clip_from_view, inside_raster, turn_and_shift, turned
 from froxel_ref.grid import depth_to_slice, slice_to_depth
 from froxel_ref.records import InputError, shown
-from froxel_ref.sampling import fetch_trilinear
+from froxel_ref.sampling import at_centres, fetch_trilinear
 from froxel_ref.scene import Camera
 from froxel_ref.settings import Grid
 
@@ -23,14 +23,6 @@ __all__ = ["HistoryPosition", "blend", "history_length", "history_position", "re
 
 Doubles = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-# An entry of the turn between two cameras this near to 0 or 1 is rounding: the axes that it is formed from are off by
-# as much. So a camera that stands still turns by nothing at all.
-STILL = 4.0 * 2.0**-52
-
-# Texels by which a coordinate may lie beyond the volume's end and still count as on it: far more than rounding moves
-# it, and so little that no filter can tell.
-SLACK = 2.0**-30
 
 
 class HistoryPosition(NamedTuple):
@@ -107,14 +99,16 @@ def history_position(grid: Grid, camera: Camera, previous_camera: Camera, *, pre
     ([0.5, 1.5, 2.5, 3.5], (8, 1, 1), [[[True]]])
     """
     before = previous_grid or grid
-    turn, shift = _motion(camera, previous_camera)
+    turn, shift = turn_and_shift(camera, previous_camera)
     still = bool(np.array_equal(turn, np.eye(3))) and not shift.any()
     clip, clip_before = clip_from_view(camera, 1.0), clip_from_view(previous_camera, 1.0)
     i, j, k = (_along(np.arange(n) + 0.5, axis) for n, axis in ((grid.width, 2), (grid.height, 1), (grid.depth, 0)))
     depth: Doubles = slice_to_depth(k, grid)
     ray = ((2.0 * i / grid.width - 1.0) / clip[0, 0], (1.0 - 2.0 * j / grid.height) / clip[1, 1],
            np.full((1, 1, 1), -1.0))
-    qx, qy, qz = (_row(turn[row], ray, float(shift[row]), depth) for row in range(3))
+    # Without a shift no depth enters, and its axis stays away.
+    qx, qy, qz = (turned(row, ray) + s / depth if s != 0.0 else turned(row, ray)
+                  for row, s in zip(turn, shift.tolist(), strict=True))
     ahead = np.where(qz < 0.0, -qz, np.nan)
     x: Field = before.width * (0.5 + 0.5 * clip_before[0, 0] * (qx / ahead))
     y: Field = before.height * (0.5 - 0.5 * clip_before[1, 1] * (qy / ahead))
@@ -125,37 +119,15 @@ def history_position(grid: Grid, camera: Camera, previous_camera: Camera, *, pre
         y = j * (before.height / grid.height)
     if still and (grid.near, grid.far, grid.distribution) == (before.near, before.far, before.distribution):
         z = k * (before.depth / grid.depth)
-    valid = np.ones((1, 1, 1), np.bool_)
-    for coordinate, count in ((x, before.width), (y, before.height), (z, before.depth)):
-        inside = (coordinate >= -SLACK) & (coordinate <= count + SLACK)
-        if not inside.all():
-            valid = valid & inside
+    valid = inside_raster((x, y, z), (before.width, before.height, before.depth))
     return HistoryPosition(x.astype(dtype), y.astype(dtype), z.astype(dtype), valid,
                            (before.depth, before.height, before.width))
-
-
-def _motion(camera: Camera, previous: Camera) -> tuple[Doubles, Doubles]:
-    """Turn and shift [m] that take points from this view to the previous one."""
-    now, then = world_from_view(camera), world_from_view(previous)
-    turn: Doubles = then[:3, :3].T @ now[:3, :3]
-    turn = np.where(np.abs(turn) <= STILL, 0.0, turn)
-    turn = np.where(np.abs(np.abs(turn) - 1.0) <= STILL, np.sign(turn), turn)
-    return turn, then[:3, :3].T @ (now[:3, 3] - then[:3, 3])
 
 
 def _along(values: Field, axis: int) -> Field:
     shape = [1, 1, 1]
     shape[axis] = -1
     return values.reshape(shape)
-
-
-def _row(row: Doubles, ray: tuple[Doubles, Doubles, Doubles], shift: float, depth: Doubles) -> Doubles:
-    """One component of R·r + t/d, without the terms whose factor is 0, so that their axes stay away."""
-    total: Doubles = np.zeros((1, 1, 1))
-    for factor, component in zip(row.tolist(), ray, strict=True):
-        if factor != 0.0:
-            total = total + factor * component
-    return total + shift / depth if shift != 0.0 else total
 
 
 def reproject(volume: Field, position: HistoryPosition, *, threads: int | None = 1) -> Field:
@@ -198,18 +170,12 @@ def reproject(volume: Field, position: HistoryPosition, *, threads: int | None =
     sizes = volume.shape[-3:]
     if volume.ndim not in (3, 4) or any(n not in (1, m) for n, m in zip(sizes, position.shape, strict=True)):
         raise InputError("volume", f"has shape {volume.shape}, must have {position.shape} for its last axes, or 1")
-    if all(n == 1 or _centred(c, axis, n)
+    if all(n == 1 or at_centres(c, axis, n)
            for axis, (c, n) in enumerate(zip((position.z, position.y, position.x), sizes, strict=True))):
         return volume
     with np.errstate(invalid="ignore"):  # texels that are not finite
         fetched = fetch_trilinear(volume, position.x, position.y, position.z, threads=threads)
     return fetched.astype(volume.dtype, copy=False)
-
-
-def _centred(coordinate: Field, axis: int, count: int) -> bool:
-    """Whether the coordinates along an axis are the centres of its texels."""
-    return coordinate.size == count == coordinate.shape[axis] and np.array_equal(
-        coordinate.ravel(), np.arange(count) + 0.5)
 
 
 # --- the average ------------------------------------------------------------------------------------

@@ -18,12 +18,11 @@ HISTORY = FIELDS[:3]
 """What the next frame reads."""
 
 
-def needs_filter(scene: Scene, settings: Settings) -> tuple[bool, str]:
-    """Whether a frame needs the stage, and why.
+def needs_filter(settings: Settings) -> tuple[bool, str]:
+    """Whether there is anything to filter or to fill, and why.
 
     Parameters
     ----------
-    scene : Scene
     settings : Settings
 
     Returns
@@ -34,7 +33,7 @@ def needs_filter(scene: Scene, settings: Settings) -> tuple[bool, str]:
     Examples
     --------
     >>> from froxel_ref.settings import Temporal
-    >>> needs_filter(Scene(), Settings()), needs_filter(Scene(), Settings(temporal=Temporal(filter="scattering")))
+    >>> needs_filter(Settings()), needs_filter(Settings(temporal=Temporal(filter="scattering")))
     ((False, 'no temporal filter and no checkerboard'), (True, 'filter: scattering'))
     """
     found = ["checkerboard"] * settings.checkerboard
@@ -117,7 +116,7 @@ def filtered_fields(job: Job, results: Results) -> dict[str, Field]:
     checkerboard is its history alone, or the mean of its neighbours where it has none [§3.2.9].
     """
     how = job.settings
-    if not needs_filter(job.scene, how)[0]:  # forced, but not to what was switched off
+    if not needs_filter(how)[0]:  # forced, but not to what was switched off
         return nothing_filtered(job)
     unphased = how.temporal.filter == "unphased"
     light, dense = results[f"lighting/{'unphased' if unphased else 'in_scattering'}"], results["media/extinction"]
@@ -129,18 +128,6 @@ def filtered_fields(job: Job, results: Results) -> dict[str, Field]:
     return dict(zip(FIELDS, (light * ratio, dense, light, valid), strict=True))
 
 
-def _shape(job: Job) -> tuple[int, int, int]:
-    grid = job.settings.grid
-    return grid.depth, grid.height, grid.width
-
-
-def _computed(job: Job) -> NDArray[np.bool_]:
-    """Which froxels this frame has computed."""
-    if not job.settings.checkerboard:
-        return np.ones((1, 1, 1), bool)
-    return checkerboard.computed(_shape(job), job.frame, parity=job.settings.checkerboard_parity)
-
-
 def _filled(job: Job, field: Field, history: Field | None = None, valid: NDArray[np.bool_] | None = None,
             ratio: float = 1.0) -> Field:
     """A field without holes. One number has none, unless what is outside counts as 0."""
@@ -148,7 +135,7 @@ def _filled(job: Job, field: Field, history: Field | None = None, valid: NDArray
     outside = "zero" if how.checkerboard_fill == "zero" else "absent"
     if not how.checkerboard or (history is None and outside == "absent" and field.shape[-3:] == (1, 1, 1)):
         return field
-    whole = checkerboard.unpack(field, _shape(job), job.frame, parity=how.checkerboard_parity)
+    whole = checkerboard.unpack(field, how.grid.shape, job.frame, parity=how.checkerboard_parity)
     return checkerboard.fill(whole, history, np.ones((1, 1, 1), bool) if valid is None else valid, job.frame,
                              parity=how.checkerboard_parity, exposure_ratio=ratio, outside=outside)
 
@@ -168,9 +155,8 @@ def _filtered(job: Job, light: Field, dense: Field, name: str) -> tuple[Field, F
     place = temporal.history_position(grid, job.scene.camera, history.camera, previous_grid=history.grid)
     old = [temporal.reproject(history.fields[n].astype(job.dtype, copy=False), place, threads=job.threads)
            for n in (name, HISTORY[1])]
-    now = job.scene.camera.exposure if job.settings.exposure == "lighting" else 1.0
     made = [_averaged(job, new, before, place.valid, ratio)
-            for new, before, ratio in zip((light, dense), old, (now / history.exposure, 1.0), strict=True)]
+            for new, before, ratio in zip((light, dense), old, (job.exposure / history.exposure, 1.0), strict=True)]
     return made[0], made[1], place.valid.astype(job.dtype)
 
 
@@ -180,8 +166,8 @@ def _averaged(job: Job, new: Field, old: Field, valid: NDArray[np.bool_], ratio:
     filled = _filled(job, new, old, valid, ratio)
     if how.filter == "off":
         return filled
-    there = _computed(job)
-    known = there if settings.checkerboard and filled.shape[-3:] == there.shape else None
+    known = checkerboard.computed(settings.grid.shape, job.frame, parity=settings.checkerboard_parity
+                                  ) if settings.checkerboard else None
     if ratio != 1.0:
         old = old * job.dtype.type(ratio)
     if how.clamp != "off":
@@ -189,7 +175,7 @@ def _averaged(job: Job, new: Field, old: Field, valid: NDArray[np.bool_], ratio:
         old = ghosting.clamp_history(old, filled, method=method, gamma=how.gamma, known=known)
     weight = _weight(job, filled, old, known)
     if known is not None:
-        weight = np.where(there, weight, 1.0)  # what stands in a hole is its history already
+        weight = np.where(known, weight, 1.0)  # what stands in a hole is its history already
     return temporal.blend(filled, old, valid, alpha=weight)
 
 

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from froxel_ref.image_motion import SLACK, Motion, closest_depth, from_velocity, motion
+from froxel_ref.geometry import SLACK
+from froxel_ref.image_motion import Motion, closest_depth, from_velocity, motion
 from froxel_ref.records import InputError
 from froxel_ref.scene import Camera
 
