@@ -305,6 +305,7 @@ def _scenes(args: argparse.Namespace) -> None:
 def _render(args: argparse.Namespace) -> None:
     from froxel_ref.image_files import image_writer
     from froxel_ref.output import output_path, whole_file
+    from froxel_ref.quantities import final_result
 
     if args.frames is not None:
         _render_sequence(args)
@@ -315,7 +316,7 @@ def _render(args: argparse.Namespace) -> None:
     path = output_path(args.output, f"{Path(args.scene).stem}.png")
     write = image_writer(path)
     with progress("stages") as tell, whole_file(path, force=args.force) as partial:
-        frame = _run(loaded, ["apply/radiance"], tell)
+        frame = _run(loaded, [final_result(loaded.settings)], tell)
         write(partial, frame)
     print(path)
 

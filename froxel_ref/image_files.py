@@ -62,7 +62,7 @@ def linear_image(frame: Frame) -> Field:
     Parameters
     ----------
     frame : Frame
-        With the result ``apply/radiance``.
+        With its final image.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def linear_image(frame: Frame) -> Field:
     (2, 4, 3)
     """
     camera = frame.scene.camera
-    whole = np.broadcast_to(frame["apply/radiance"], (3, camera.height, camera.width))
+    whole = np.broadcast_to(frame.image, (3, camera.height, camera.width))
     return np.ascontiguousarray(np.moveaxis(whole, 0, -1))
 
 
@@ -117,7 +117,7 @@ def display_image(frame: Frame) -> NDArray[np.uint8]:
     Parameters
     ----------
     frame : Frame
-        With the result ``apply/radiance``.
+        With its final image.
 
     Returns
     -------
@@ -130,7 +130,7 @@ def display_image(frame: Frame) -> NDArray[np.uint8]:
     >>> display_image(froxel_ref.run_frame(scene, settings)).shape
     (2, 4, 3)
     """
-    return final_image(frame["apply/radiance"], View(frame.scene.camera, frame.settings.grid, frame.display_exposure))
+    return final_image(frame.image, View(frame.scene.camera, frame.settings.grid, frame.display_exposure))
 
 
 def _write_display(path: Path, frame: Frame) -> None:
