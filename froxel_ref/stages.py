@@ -363,7 +363,8 @@ def _needs_fog(scene: Scene, settings: Settings) -> Need:
 def _apply_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     fog, _ = _needs_fog(scene, settings)
     how = settings.fog_lookup
-    words = how.method + (f", {how.bias:g} slices nearer" if how.bias else "")
+    bias = apply.lookup_bias(how, settings.lookup)
+    words = how.method + (f", {bias:g} slices nearer" if bias else "")
     return (Part("fog lookup", fog, f"at each pixel's depth, {words}" if fog else "the scene has no fog to look up"),
             Part("long range", *long_range_stage.needs_long_range(scene, settings)),
             Part("surface", *_needs_surface(scene, settings)),
