@@ -305,8 +305,8 @@ class FogLookup(Record):
         about="one trilinear fetch; one of a quadratic B-spline across; or several taps about the place, by blue noise")
     bias: float | None = number(
         None, "how much nearer to the camera; unless given none, of noisy taps 1.5 if stored values stand at centres, "
-              "as published, and 1 if at boundaries, which is the same place", unit="slices", optional=True, at_least=0.0,
-        within=(0.0, LONGEST))
+              "as published, and 1 if at boundaries, which is the same place",
+        unit="slices", optional=True, at_least=0.0, within=(0.0, LONGEST))
     taps: int = integer(4, "of a noisy lookup", at_least=1, at_most=4)
     reach: float = number(1.5, "largest offset of a noisy tap along x and y", unit="froxels", at_least=0.0,
                           within=(0.0, LONGEST))
