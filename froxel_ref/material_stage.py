@@ -216,9 +216,6 @@ def _by_scattering(share: Field, now: Field, before: Field) -> Field:
 def _old_anisotropy(job: Job, past: _Past) -> Field:
     """g as it was where the froxels were, weighted by what scattered (D12)."""
     g = past.history.fields["material/phase_anisotropy"].astype(job.dtype, copy=False)
-    low, high = g.min(), g.max()
-    if low == high:
-        return np.full((1, 1, 1), low, g.dtype)
     plain = past.fetch(g, job)
     if plain is g or job.settings.phase_mixing == "mean":
         return plain
@@ -226,7 +223,7 @@ def _old_anisotropy(job: Job, past: _Past) -> Field:
     total = past.fetch(scattering, job)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         mean = past.fetch(g * scattering, job) / total
-    return np.clip(np.where(total > 0.0, mean, plain), low, high)
+    return np.clip(np.where(total > 0.0, mean, plain), g.min(), g.max())
 
 
 # --- the sun ----------------------------------------------------------------------------------------
