@@ -8,20 +8,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from froxel_ref.arrays import Field, FogAt
+from froxel_ref.blue_noise import blue_noise
 from froxel_ref.buffers import Integrated
+from froxel_ref.fog_lookups import fetch_biquadratic, noisy_lookup, tap_offsets
 from froxel_ref.grid import depth_to_slice, slice_to_depth
 from froxel_ref.records import InputError
 from froxel_ref.sampling import fetch_trilinear
-from froxel_ref.settings import SWITCHES, Grid
+from froxel_ref.settings import SWITCHES, FogLookup, Grid
+from froxel_ref.storage import store
+from froxel_ref.tonemap import FLOAT16_LARGEST_LUMA, tone_map
 
-__all__ = ["LOOKUPS", "composite", "fog_lookup", "lookup_fog"]
+__all__ = ["LOOKUPS", "composite", "fog_lookup", "lookup_bias", "lookup_fog"]
 
 LOOKUPS = tuple(dict.fromkeys(SWITCHES["lookup"]))
 NEAR_SURFACES = tuple(dict.fromkeys(SWITCHES["near_surface"]))
+INVERSES = tuple(dict.fromkeys(SWITCHES["inverse_tone_map"]))
+
+FLOAT16_MOST = 65504.0
 
 
 def lookup_fog(integrated: Integrated, grid: Grid, depth_image: Field, *, lookup: str = "boundary",
-               near_surface: str = "fog", threads: int | None = None) -> tuple[Field, Field]:
+               near_surface: str = "fog", options: FogLookup | None = None, inverse_tone_map: str = "carried",
+               frame: int = 0, shift: tuple[float, float] = (0.0, 0.0), threads: int | None = None
+               ) -> tuple[Field, Field]:
     """Find the fog between the camera and the surface that each pixel shows.
 
     Parameters
@@ -38,6 +47,15 @@ def lookup_fog(integrated: Integrated, grid: Grid, depth_image: Field, *, lookup
     near_surface : {"fog", "first_slice"}, default "fog"
         What a surface has that is nearer than the first stored value: the fog in front of it, or all of the
         first slice's. Published: "first_slice" (A11).
+    options : FogLookup, optional
+        Fetch, bias, taps and storage; one trilinear fetch of what was computed, unless given.
+    inverse_tone_map : {"carried", "luma", "bounded"}, default "carried"
+        Of tone-mapped storage (D9): up to the largest luma that the storage holds; up to 1, published, which float16
+        reaches; or up to 1 − 1e-6, the program's.
+    frame : int, default 0
+        Number of the frame: layer of the noise.
+    shift : (float, float), default (0, 0)
+        [pixels] How far to the right and downwards of their centres the pixels are sampled.
     threads : int, optional
         Default: one per core. The result is the same to the last bit.
 
@@ -51,7 +69,7 @@ def lookup_fog(integrated: Integrated, grid: Grid, depth_image: Field, *, lookup
     Raises
     ------
     InputError
-        Unknown lookup.
+        An unknown word.
 
     Notes
     -----
@@ -64,6 +82,10 @@ def lookup_fog(integrated: Integrated, grid: Grid, depth_image: Field, *, lookup
     ``centre`` : the value stored for slice k stands at k + ½, as a texture unit has it, so every lookup
         finds the fog of half a slice more (D4: at most ½·S·d of light too much, of first order). In front
         of the first centre it is linear in depth.
+
+    Noisy taps, a bias, a B-spline and tone-mapped storage are as in `froxel_ref.fog_lookups`, at the same places. A
+    bias takes the fog of as many slices away, at all depths: of the published 1.5, half a slice is what "centre" has
+    too much.
 
     A NaN depth gives NaN.
 
@@ -80,17 +102,19 @@ def lookup_fog(integrated: Integrated, grid: Grid, depth_image: Field, *, lookup
     array([[0.5  , 0.5  , 0.5  , 0.375, 0.25 , 0.25 ]])
     """
     height, width = depth_image.shape
-    at = fog_lookup(integrated, grid, (height, width), lookup=lookup, near_surface=near_surface, threads=threads)
+    at = fog_lookup(integrated, grid, (height, width), lookup=lookup, near_surface=near_surface, options=options,
+                    inverse_tone_map=inverse_tone_map, frame=frame, shift=shift, threads=threads)
     return at(np.arange(height).reshape(-1, 1), np.arange(width), depth_image)
 
 
 def fog_lookup(integrated: Integrated, grid: Grid, shape: tuple[int, int], *, lookup: str = "boundary",
-               near_surface: str = "fog", threads: int | None = None) -> FogAt:
+               near_surface: str = "fog", options: FogLookup | None = None, inverse_tone_map: str = "carried",
+               frame: int = 0, shift: tuple[float, float] = (0.0, 0.0), threads: int | None = None) -> FogAt:
     """Make a function that finds the fog between the camera and points that pixels show.
 
     Parameters
     ----------
-    integrated, grid, lookup, near_surface, threads
+    integrated, grid, lookup, near_surface, options, inverse_tone_map, frame, shift, threads
         As for `lookup_fog`.
     shape : (int, int)
         Height and width of the image [pixels].
@@ -104,7 +128,7 @@ def fog_lookup(integrated: Integrated, grid: Grid, shape: tuple[int, int], *, lo
     Raises
     ------
     InputError
-        Unknown lookup.
+        An unknown word.
 
     Notes
     -----
@@ -121,23 +145,74 @@ def fog_lookup(integrated: Integrated, grid: Grid, shape: tuple[int, int], *, lo
     >>> at(np.array([0, 1]), np.array([1, 1]), np.array([2.0, 1.5]))[1]
     array([0.5 , 0.75])
     """
-    if lookup not in LOOKUPS:
-        raise InputError("lookup", f"is {lookup!r}, must be one of {', '.join(LOOKUPS)}")
-    if near_surface not in NEAR_SURFACES:
-        raise InputError("near_surface", f"is {near_surface!r}, must be one of {', '.join(NEAR_SURFACES)}")
+    for name, word, known in (("lookup", lookup, LOOKUPS), ("near_surface", near_surface, NEAR_SURFACES),
+                              ("inverse_tone_map", inverse_tone_map, INVERSES)):
+        if word not in known:
+            raise InputError(name, f"is {word!r}, must be one of {', '.join(known)}")
+    how = options or FogLookup()
     dtype, (height, width) = integrated.radiance.dtype, shape
-    textures = [_texels(values, front, at_camera, grid, lookup) for values, front, at_camera in (
-        (integrated.radiance, integrated.front_radiance, 0.0),
-        (integrated.transmittance, integrated.front_transmittance, 1.0))]
+    light = _stored(_texels(integrated.radiance, integrated.front_radiance, 0.0, grid, lookup), how, toned=True)
+    passed = _stored(_texels(integrated.transmittance, integrated.front_transmittance, 1.0, grid, lookup), how)
+    fetch = fetch_biquadratic if how.method == "biquadratic" else fetch_trilinear
+    bias = lookup_bias(how, lookup)
+    toned, noise = how.stored == "tone_mapped", blue_noise(dtype=dtype) if how.method == "noisy" else None
+    most = {"carried": FLOAT16_LARGEST_LUMA if how.storage == "float16" else None, "luma": 1.0,
+            "bounded": 1.0 - 1e-6}[inverse_tone_map]
+    nearest = _first_texel(lookup) if near_surface == "first_slice" else None
 
     def at(rows: NDArray[np.integer[Any]], columns: NDArray[np.integer[Any]], depth: Field) -> tuple[Field, Field]:
-        x = ((columns + 0.5) * (grid.width / width)).astype(dtype)
-        y = ((rows + 0.5) * (grid.height / height)).astype(dtype)
+        x = ((columns + (0.5 + shift[0])) * (grid.width / width)).astype(dtype)
+        y = ((rows + (0.5 + shift[1])) * (grid.height / height)).astype(dtype)
         z = _texel_depth(depth, grid, lookup, near_surface).astype(dtype)
-        radiance, transmittance = (fetch_trilinear(texture, x, y, z, threads=threads) for texture in textures)
-        return radiance, transmittance
+        if noise is None and bias == 0.0 and not toned:
+            return fetch(light, x, y, z, threads=threads), fetch(passed, x, y, z, threads=threads)
+        offsets = (np.zeros((1, 3, *(1,) * z.ndim), dtype) if noise is None else
+                   tap_offsets(rows, columns, frame, taps=how.taps, reach=how.reach, depth_share=how.depth_share,
+                               noise=noise, dtype=dtype))
+        radiance = noisy_lookup(light, x, y, z, offsets, bias=bias, nearest=nearest, tone_mapped=toned,
+                                largest_luma=most, fetch=fetch, threads=threads)
+        return radiance, noisy_lookup(passed, x, y, z, offsets, bias=bias, nearest=nearest, fetch=fetch,
+                                      threads=threads)
 
     return at
+
+
+def lookup_bias(how: FogLookup, lookup: str) -> float:
+    """How many slices nearer to the camera the fog is looked up.
+
+    Parameters
+    ----------
+    how : FogLookup
+    lookup : {"boundary", "centre"}
+
+    Returns
+    -------
+    float
+        As given; else 0 of one fetch, and of noisy taps 1.5 by "centre" [Dörries 2020, §3.2.7], which is half a slice
+        too deep (D4), so 1 by "boundary".
+
+    Examples
+    --------
+    >>> [lookup_bias(FogLookup(method="noisy"), lookup) for lookup in LOOKUPS]
+    [1.0, 1.5]
+    """
+    if how.bias is not None:
+        return how.bias
+    return 0.0 if how.method != "noisy" else {"boundary": 1.0, "centre": 1.5}[lookup]
+
+
+def _stored(texture: Field, how: FogLookup, *, toned: bool = False) -> Field:
+    """A texture as it is kept: of radiance tone-mapped if so wanted, either in half floats."""
+    if toned and how.stored == "tone_mapped":
+        texture = tone_map(texture)
+    if how.storage == "full":
+        return texture
+    return store(np.asarray(np.minimum(texture, texture.dtype.type(FLOAT16_MOST))), "float16")
+
+
+def _first_texel(lookup: str) -> float:
+    """Coordinate along z of the first stored value."""
+    return 1.5 if lookup == "centre" else 2.5
 
 
 def _texel_depth(depth: Field, grid: Grid, lookup: str, near_surface: str) -> NDArray[np.float64]:
@@ -149,12 +224,10 @@ def _texel_depth(depth: Field, grid: Grid, lookup: str, near_surface: str) -> ND
     s = depth_to_slice(np.clip(depth, grid.near, grid.far), grid)
     if lookup == "centre":
         first, position = float(slice_to_depth(0.5, grid)), s + 1.0
-        nearest = 1.5
     else:
         first, position = grid.near, s + 1.5
-        nearest = 2.5
     if near_surface == "first_slice":
-        return np.maximum(position, nearest)
+        return np.maximum(position, _first_texel(lookup))
     return np.where(depth < first, depth / first + 0.5, position)
 
 

@@ -89,7 +89,8 @@ def _spread(name: str, field: Field, shape: tuple[int, ...]) -> Field:
         raise InputError(name, f"has shape {field.shape}, must fit {shape}") from None
 
 
-def half_rays(camera: Camera, width: int, height: int, *, dtype: DTypeLike = np.float64) -> Rays:
+def half_rays(camera: Camera, width: int, height: int, *, shift: tuple[float, float] = (0.0, 0.0),
+              dtype: DTypeLike = np.float64) -> Rays:
     """Make the rays through the centres of the half-resolution texels of an image.
 
     Parameters
@@ -98,6 +99,8 @@ def half_rays(camera: Camera, width: int, height: int, *, dtype: DTypeLike = np.
         Its whole image is covered by the pixels.
     width, height : int
         Of the image in full resolution [pixels].
+    shift : (float, float), default (0, 0)
+        [pixels] How far to the right and downwards the pixels of a jittered image are sampled.
     dtype : data type
         Of the result.
 
@@ -113,7 +116,7 @@ def half_rays(camera: Camera, width: int, height: int, *, dtype: DTypeLike = np.
     >>> rays.length.shape, rays.per_depth[0].ravel().round(6).tolist()
     ((2, 2), [-0.333333, 1.0])
     """
-    rays = camera_rays(camera, width, height, jitter=(1.0, 1.0), dtype=dtype)
+    rays = camera_rays(camera, width, height, jitter=(1.0 + shift[0], 1.0 + shift[1]), dtype=dtype)
     x, y, z = (component[::2, ::2] for component in rays.per_depth)
     return Rays(rays.origin, (x, y, z), rays.length[::2, ::2])
 

@@ -68,6 +68,7 @@ def _options(args: argparse.Namespace) -> Options:
 
 def _check_scene(loaded: Loaded, options: Options, name: str) -> None:
     from froxel_ref.frame import plan
+    from froxel_ref.quantities import final_result
     from froxel_ref.truth_image import check_filter, check_integrable
 
     try:
@@ -79,7 +80,7 @@ def _check_scene(loaded: Loaded, options: Options, name: str) -> None:
         check_filter(loaded.scene, options.filter)
     except InputError as error:
         raise InputError("--filter", error.problem) from None
-    plan(loaded.scene, loaded.settings, ["apply/radiance"])  # refuses a frame beyond the memory
+    plan(loaded.scene, loaded.settings, [final_result(loaded.settings)])  # refuses a frame beyond the memory
 
 
 def run_truth(args: argparse.Namespace, load: Callable[[Any], Loaded]) -> None:
@@ -100,6 +101,7 @@ def run_truth(args: argparse.Namespace, load: Callable[[Any], Loaded]) -> None:
     from froxel_ref.assets import load_assets
     from froxel_ref.frame import run_frame
     from froxel_ref.output import output_path, whole_folder
+    from froxel_ref.quantities import final_result
     from froxel_ref.truth_files import CONTACT_SHEET, check_target, write_truth
     from froxel_ref.truth_image import render_truth, shadow_kind
 
@@ -113,7 +115,7 @@ def run_truth(args: argparse.Namespace, load: Callable[[Any], Loaded]) -> None:
     check_target(folder, force=args.force)
     assets = load_assets(loaded.scene, loaded.folder)
     with whole_folder(folder, lambda target: check_target(target, force=args.force)) as partial:
-        frame = run_frame(loaded.scene, loaded.settings, assets=assets, outputs=["apply/radiance"])
+        frame = run_frame(loaded.scene, loaded.settings, assets=assets, outputs=[final_result(loaded.settings)])
         with progress("rays") as tell:
             image = render_truth(
                 loaded.scene, loaded.settings, assets=assets, rtol=options.rtol, shadows=options.shadows,

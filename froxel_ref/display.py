@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from froxel_ref.arrays import Field
-from froxel_ref.quantities import FINAL
+from froxel_ref.quantities import AVERAGED, FINAL
 
 __all__ = [
     "Bytes", "Display", "display_for", "grey", "ramp", "ramp_colours", "srgb_transfer", "to_srgb8",
@@ -346,7 +346,7 @@ def display_for(name: str, values: Field, exposure: float = 1.0) -> Display:
                  float(np.max(values, where=finite, initial=-np.inf))) if finite.any() else (0.0, 0.0)
     if kind == "radiance":
         # The final image alone must look like a backend's own output.
-        return Display(kind, low, high, exposure if name == FINAL else _exposed(values, exposure))
+        return Display(kind, low, high, exposure if name in (FINAL, AVERAGED) else _exposed(values, exposure))
     if kind == "depth":
         # A floor that runs to the horizon would take the scale from everything near.
         near = float(np.quantile(values[finite], 0.9)) if finite.any() else high

@@ -22,7 +22,7 @@ from froxel_ref.fom_plan import map_bytes as opacity_bytes
 from froxel_ref.forcing import forced
 from froxel_ref.jobs import History, Job, Part, Stage
 from froxel_ref.lights import with_intensities
-from froxel_ref.quantities import FINAL, QUANTITIES, Quantity
+from froxel_ref.quantities import AVERAGED, FINAL, QUANTITIES, Quantity, final_result, raster_size
 from froxel_ref.records import InputError, shown, suggest
 from froxel_ref.scene import Folds, HeightField, PointLight, Scene
 from froxel_ref.settings import Settings
@@ -102,6 +102,11 @@ class Frame:
         return self.results[name]
 
     @property
+    def image(self) -> Field:
+        """The final radiance, averaged over frames where temporal anti-aliasing is on."""
+        return self[final_result(self.settings)]
+
+    @property
     def display_exposure(self) -> float:
         """The factor from the final radiance to display: 1 where the lighting already holds it (A12)."""
         return 1.0 if self.settings.exposure == "lighting" else self.scene.camera.exposure
@@ -125,8 +130,6 @@ def estimate_bytes(scene: Scene, settings: Settings) -> int:
     >>> estimate_bytes(Scene(), Settings()) // 10**6
     220
     """
-    sizes = {"x": settings.grid.width, "y": settings.grid.height, "z": settings.grid.depth}
-    image = {"x": scene.camera.width, "y": scene.camera.height}
     media = scene.global_media + scene.local_media
     lobes = _lobes(scene, settings)
     tints = 3 if any(isinstance(medium.extinction, tuple) for medium in media) else 1
@@ -134,7 +137,8 @@ def estimate_bytes(scene: Scene, settings: Settings) -> int:
     for name, quantity in QUANTITIES.items():
         if name.startswith(("shadow/", "fom/", "culling/")) or _idle(name, settings):
             continue
-        size = {"c": 3, "l": lobes} | (sizes if "z" in quantity.axes or quantity.on_grid else image)
+        rows, columns = raster_size(quantity, scene.camera, settings.grid)
+        size = {"c": 3, "l": lobes, "z": settings.grid.depth, "y": rows, "x": columns}
         tinted = name.endswith(("extinction", "transmittance")) and not name.startswith("particles/")
         total += math.prod(size[axis] for axis in quantity.axes) * (tints if tinted else 1)
     return (total * np.dtype(settings.precision).itemsize + map_bytes(scene, settings)
@@ -142,7 +146,9 @@ def estimate_bytes(scene: Scene, settings: Settings) -> int:
 
 
 def _idle(name: str, settings: Settings) -> bool:
-    """Whether a result of temporal filters is empty."""
+    """Whether a result of what the settings leave out is empty."""
+    if name.startswith(("long_range/", "taa/")):
+        return not (settings.long_range.march if name.startswith("long_range/") else settings.taa.on)
     if name.endswith("/unphased"):
         return settings.temporal.filter != "unphased"
     return name.startswith("temporal/") and not needs_filter(settings)[0]
@@ -366,7 +372,7 @@ def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets 
         timings[stage.name] = time.perf_counter() - begin
         kept |= {group: (key, {name: made[name] for name in group}) for group, key in keys.items()}
         reused += known
-        held |= {name: made[name] for name in HISTORY if name in made}
+        held |= {name: made[name] for name in (*HISTORY, AVERAGED) if name in made}
         results |= made
         still_read = {name for later in running[index + 1:] for name in later.reads} | set(the_plan.outputs)
         results = {name: field for name, field in results.items() if name in still_read}
@@ -376,6 +382,9 @@ def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets 
 
 def _history(job: Job, held: Mapping[str, Field]) -> History | None:
     """What temporal filters hand to the next frame; nothing where none ran."""
+    if not held:
+        return None
+    held = {name: array for name, array in held.items() if array.size}
     if not held:
         return None
     for array in held.values():

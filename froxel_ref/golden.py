@@ -24,7 +24,7 @@ from froxel_ref.arrays import Field
 from froxel_ref.assets import checksums
 from froxel_ref.image_files import write_png
 from froxel_ref.output import check_folder, check_space, read_manifest, whole_folder
-from froxel_ref.quantities import QUANTITIES, Quantity, stored_grid
+from froxel_ref.quantities import QUANTITIES, Quantity, raster_size, stored_grid
 from froxel_ref.records import to_json
 from froxel_ref.scene import Camera, ParticleCloud, Scene
 from froxel_ref.scene_files import Loaded, document
@@ -112,8 +112,7 @@ def gpu_array(array: Field, quantity: Quantity, camera: Camera, grid: Grid) -> t
     ((64, 90, 160, 3), 'zyxc')
     """
     axes = pictures.full_axes(array, quantity)
-    on_grid = quantity.on_grid or "z" in axes
-    columns, rows = (grid.width, grid.height) if on_grid else (camera.width, camera.height)
+    rows, columns = raster_size(quantity, camera, grid)
     sizes = dict(zip(axes, array.shape, strict=True)) | {"x": columns, "y": rows, "z": grid.depth}
     whole = np.broadcast_to(array, tuple(sizes[axis] for axis in axes))
     if "c" not in axes:

@@ -17,7 +17,10 @@ from froxel_ref.records import InputError, shown
 if TYPE_CHECKING:
     from froxel_ref.frame import Frame
 
-__all__ = ["display_image", "image_writer", "linear_image", "write_png"]
+__all__ = ["ENDINGS", "display_image", "image_writer", "linear_image", "write_png"]
+
+ENDINGS = (".png", ".npy", ".exr")
+"""Of files that hold an image."""
 
 
 def image_writer(path: Path) -> Callable[[Path, Frame], None]:
@@ -47,7 +50,7 @@ def image_writer(path: Path) -> Callable[[Path, Frame], None]:
         ...
     froxel_ref.records.InputError: output: 'fog.tiff' must end in one of .png, .npy, .exr
     """
-    writers = {".png": _write_display, ".npy": _write_npy, ".exr": _write_exr}
+    writers = dict(zip(ENDINGS, (_write_display, _write_npy, _write_exr), strict=True))
     ending = path.suffix.lower()
     if ending not in writers:
         raise InputError("output", f"{shown(str(path))} must end in one of {', '.join(writers)}")
@@ -62,7 +65,7 @@ def linear_image(frame: Frame) -> Field:
     Parameters
     ----------
     frame : Frame
-        With the result ``apply/radiance``.
+        With its final image.
 
     Returns
     -------
@@ -79,7 +82,7 @@ def linear_image(frame: Frame) -> Field:
     (2, 4, 3)
     """
     camera = frame.scene.camera
-    whole = np.broadcast_to(frame["apply/radiance"], (3, camera.height, camera.width))
+    whole = np.broadcast_to(frame.image, (3, camera.height, camera.width))
     return np.ascontiguousarray(np.moveaxis(whole, 0, -1))
 
 
@@ -117,7 +120,7 @@ def display_image(frame: Frame) -> NDArray[np.uint8]:
     Parameters
     ----------
     frame : Frame
-        With the result ``apply/radiance``.
+        With its final image.
 
     Returns
     -------
@@ -130,7 +133,7 @@ def display_image(frame: Frame) -> NDArray[np.uint8]:
     >>> display_image(froxel_ref.run_frame(scene, settings)).shape
     (2, 4, 3)
     """
-    return final_image(frame["apply/radiance"], View(frame.scene.camera, frame.settings.grid, frame.display_exposure))
+    return final_image(frame.image, View(frame.scene.camera, frame.settings.grid, frame.display_exposure))
 
 
 def _write_display(path: Path, frame: Frame) -> None:

@@ -15,6 +15,7 @@ from froxel_ref.grid import Froxels, make_froxels
 from froxel_ref.jitter import froxel_jitter
 from froxel_ref.scene import Camera, Scene
 from froxel_ref.settings import Grid, Settings
+from froxel_ref.taa import pixel_offsets
 
 __all__ = ["History", "Job", "Need", "Part", "Results", "Same", "Stage"]
 
@@ -69,6 +70,19 @@ class Job:
         return froxel_jitter(self.frame, points=how.jitter, hold=hold)
 
     @property
+    def image_shape(self) -> tuple[int, int]:
+        """Height and width of the image."""
+        return self.scene.camera.height, self.scene.camera.width
+
+    @property
+    def pixel_shift(self) -> tuple[float, float]:
+        """How far to the right and downwards of their centres this frame samples its pixels."""
+        if not self.settings.taa.on or self.settings.taa_points == "off" or self.scene.image_buffers is not None:
+            return 0.0, 0.0
+        x, y = pixel_offsets(self.frame, points=self.settings.taa_points).tolist()
+        return x, y
+
+    @property
     def exposure(self) -> float:
         """The factor that light holds already, before display (A12)."""
         return self.scene.camera.exposure if self.settings.exposure == "lighting" else 1.0
@@ -89,9 +103,9 @@ class Job:
 
     @cached_property
     def image_rays(self) -> Rays:
-        """The rays through the image's pixel centres."""
-        camera = self.scene.camera
-        rays = camera_rays(camera, camera.width, camera.height, dtype=self.dtype)
+        """The rays through the image's pixels, where this frame samples them."""
+        camera, (right, down) = self.scene.camera, self.pixel_shift
+        rays = camera_rays(camera, camera.width, camera.height, jitter=(0.5 + right, 0.5 + down), dtype=self.dtype)
         return _whole(rays) if self.full else rays
 
 

@@ -214,8 +214,8 @@ def swatch(values: Field, display: Display, width: int, height: int) -> Image:
     return image
 
 
-def image_panel(values: Field, display: Display, view: View, width: int, height: int, *,
-                on_grid: bool = False, exact: bool = True) -> Image:
+def image_panel(values: Field, display: Display, raster: tuple[int, int], width: int, height: int, *,
+                exact: bool = True) -> Image:
     """An image array in a box; axes of length 1 are spread over the raster first.
 
     Parameters
@@ -224,12 +224,10 @@ def image_panel(values: Field, display: Display, view: View, width: int, height:
         Channel first; h and w the raster's or 1.
     display : Display
         How values become colours.
-    view : View
-        The frame.
+    raster : (int, int)
+        Rows and columns of the whole.
     width, height : int
         The box [px].
-    on_grid : bool
-        Whether the raster is the grid's, not the camera's.
     exact : bool
         Whether to enlarge by a whole factor only; else it is resampled to fill the box.
 
@@ -239,8 +237,7 @@ def image_panel(values: Field, display: Display, view: View, width: int, height:
         The image.
     """
     rows, columns = values.shape[1:]
-    full = (view.grid.height, view.grid.width) if on_grid else (view.camera.height, view.camera.width)
-    shape = (rows if rows > 1 else full[0], columns if columns > 1 else full[1], 3)
+    shape = (rows if rows > 1 else raster[0], columns if columns > 1 else raster[1], 3)
     colours = np.broadcast_to(display.paint(values), shape)
     return scaled(colours, width, height) if exact else _resampled(colours, width, height)
 

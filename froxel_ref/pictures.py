@@ -16,7 +16,7 @@ from froxel_ref.arrays import Field
 from froxel_ref.culling import lights_per_tile
 from froxel_ref.display import Bytes, Display, display_for, to_srgb8
 from froxel_ref.panels import AMBER, FAINT, INK, PAPER, View, canvas, write
-from froxel_ref.quantities import QUANTITIES, Quantity, stored_grid
+from froxel_ref.quantities import AVERAGED, FINAL, QUANTITIES, Quantity, raster_size, stored_grid
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -32,7 +32,7 @@ PAGE, MARGIN, GAP, HEAD, FOOT = 2400, 48, 24, 34, 60
 MAP_TEXELS, MAPS_ACROSS, TABLES = 256, 6, ("m", "mfij", "mfe", "mfa", "n")
 SLIM, NARROW = 30, 300  # no picture on top is lower or narrower than this, with its words [px]
 COUNTED = {"l": "lobe", "eb": "red: first place, green: last, red above: none; bin"}
-HERO = ("apply/radiance", "surface/radiance", "apply/fog_radiance", "apply/fog_transmittance",
+HERO = (AVERAGED, FINAL, "surface/radiance", "apply/fog_radiance", "apply/fog_transmittance",
         "surface/depth")
 
 
@@ -209,7 +209,7 @@ def _body(name: str, values: Field, quantity: Quantity, display: Display, view: 
     if quantity.axes == "wvu":
         return panels.scaled(display.paint(values), box[0], box[1])
     if values.ndim == 3:
-        return panels.image_panel(values, display, view, box[0], box[1], on_grid=quantity.on_grid)
+        return panels.image_panel(values, display, raster_size(quantity, view.camera, view.grid), box[0], box[1])
     strip = panels.slices_panel(values, display, view, slices, at_boundary=name.startswith("integrate/"),
                                 target=target)
     room = max(280, width - strip.width - GAP)
@@ -355,7 +355,7 @@ def _title(frame: Frame, width: int) -> Image:
 
 def _hero(frame: Frame, view: View, width: int) -> Image:
     """The final image large; beside it, as tall together, what it is made of."""
-    shown = [name for name in HERO if name in frame.results]
+    shown = [name for name in HERO if name in frame.results and frame.results[name].size]
     if not shown:
         return canvas(width, 1)
     aspect = view.camera.width / view.camera.height
@@ -363,7 +363,7 @@ def _hero(frame: Frame, view: View, width: int) -> Image:
     short = (tall - GAP - HEAD - FOOT) // 2
     if short < SLIM:  # too wide an image to stand beside another
         return _below([_image_cell(frame, name, view, width, 4 * SLIM) for name in shown])
-    cells = [_image_cell(frame, name, view, width, tall if name == HERO[0] else short) for name in shown]
+    cells = [_image_cell(frame, name, view, width, tall if name == shown[0] else short) for name in shown]
     pairs = [_below(cells[i:i + 2]) for i in range(1, len(cells), 2)]
     return _beside([cells[0], *pairs])
 
@@ -376,7 +376,8 @@ def _image_cell(frame: Frame, name: str, view: View, width: int, height: int) ->
         across = min(width, max(NARROW, round(height * view.camera.width / view.camera.height)))
         panel = panels.swatch(values, display, across, height)
     else:
-        panel = panels.image_panel(values, display, view, width, height, exact=False)
+        panel = panels.image_panel(values, display, raster_size(quantity, view.camera, view.grid), width, height,
+                                   exact=False)
     return _framed(panel, name, array, quantity, display, min_width=NARROW)
 
 
@@ -412,6 +413,6 @@ def _cell(array: Field, name: str, view: View, width: int) -> Image:
     quantity = QUANTITIES[name]
     values = channel_first(array, quantity)
     display = display_for(name, values, view.exposure)
-    box = (280, 158) if quantity.on_grid else (640, 360)
+    box = (640, 360) if quantity.raster == "image" else (280, 158)
     body = _body(name, values, quantity, display, view, slices=(2, 8), target=180, box=box, width=width)
     return _framed(body, name, array, quantity, display, min_width=400)

@@ -5,21 +5,27 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
+from froxel_ref.scene import Camera
 from froxel_ref.settings import Grid, Settings
 
-__all__ = ["FINAL", "QUANTITIES", "Quantity", "stored_grid"]
+__all__ = ["AVERAGED", "FINAL", "QUANTITIES", "Quantity", "final_result", "raster_size", "stored_grid"]
 
 FINAL = "apply/radiance"
+AVERAGED = "taa/radiance"
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a result is: its full axes (channel first, as computed), its unit, and a sentence."""
+    """What a result is: its full axes (channel first, as computed), its unit, and a sentence.
+
+    ``raster`` says what its rows and columns are, unless it is a volume: of the image, of the "grid", or of "half" the
+    image's resolution.
+    """
 
     axes: str
     unit: str
     about: str
-    on_grid: bool = False
+    raster: str = "image"
 
     @property
     def gpu_axes(self) -> str:
@@ -83,14 +89,66 @@ QUANTITIES: dict[str, Quantity] = {
     "temporal/valid": Quantity("zyx", "1", "1 where the froxel was in view a frame ago, 0 where history begins"),
     "integrate/radiance": Quantity("czyx", RADIANCE, "fog's radiance up to the slice's far boundary"),
     "integrate/transmittance": Quantity("zyx", "1", "transmittance up to the slice's far boundary"),
-    "integrate/front_radiance": Quantity("cyx", RADIANCE, "fog's radiance up to the near boundary", True),
-    "integrate/front_transmittance": Quantity("yx", "1", "transmittance up to the near boundary", True),
+    "integrate/front_radiance": Quantity("cyx", RADIANCE, "fog's radiance up to the near boundary", "grid"),
+    "integrate/front_transmittance": Quantity("yx", "1", "transmittance up to the near boundary", "grid"),
+    "long_range/depth": Quantity("yx", "m", "view depth of the nearest or farthest of two by two pixels, in turn",
+                                 "half"),
+    "long_range/radiance": Quantity("cyx", RADIANCE, "light from behind the froxels, as it arrives at their far end",
+                                    "half"),
+    "long_range/transmittance": Quantity("yx", "1", "transmittance from the froxels' far end to the surface", "half"),
     "particles/radiance": Quantity("cyx", RADIANCE, "the particles' light, fogged at their own depth, times opacity"),
     "particles/transmittance": Quantity("yx", "1", "share of what lies behind the particles that passes"),
-    "apply/fog_radiance": Quantity("cyx", RADIANCE, "fog's radiance in front of each pixel's surface"),
+    "apply/fog_radiance": Quantity("cyx", RADIANCE, "fog's radiance in front of each pixel's surface, long range too"),
     "apply/fog_transmittance": Quantity("yx", "1", "transmittance in front of each pixel's surface"),
     FINAL: Quantity("cyx", RADIANCE, "the final image: surface times transmittance, plus fog, under particles"),
+    AVERAGED: Quantity("cyx", RADIANCE, "the final image averaged over frames"),
 }
+
+
+def final_result(settings: Settings) -> str:
+    """The name of the result that is the final image.
+
+    Parameters
+    ----------
+    settings : Settings
+
+    Returns
+    -------
+    str
+        Averaged over frames, where temporal anti-aliasing is on.
+
+    Examples
+    --------
+    >>> final_result(Settings())
+    'apply/radiance'
+    """
+    return AVERAGED if settings.taa.on else FINAL
+
+
+def raster_size(quantity: Quantity, camera: Camera, grid: Grid) -> tuple[int, int]:
+    """Rows and columns of a result's raster.
+
+    Parameters
+    ----------
+    quantity : Quantity
+        With the axes y and x.
+    camera : Camera
+    grid : Grid
+
+    Returns
+    -------
+    rows, columns : int
+
+    Examples
+    --------
+    >>> from froxel_ref.scene import Camera
+    >>> raster_size(QUANTITIES["long_range/depth"], Camera(width=5, height=4), Grid())
+    (2, 3)
+    """
+    if "z" in quantity.axes or quantity.raster == "grid":
+        return grid.height, grid.width
+    share = 2 if quantity.raster == "half" else 1
+    return -(-camera.height // share), -(-camera.width // share)
 
 
 def stored_grid(name: str, settings: Settings) -> Grid:

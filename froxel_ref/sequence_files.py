@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import json
 import re
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,7 +19,7 @@ from froxel_ref.frame import Frame, Progress, plan
 from froxel_ref.image_files import display_image, write_png
 from froxel_ref.jobs import History
 from froxel_ref.output import check_folder, read_manifest, refusal, whole_file
-from froxel_ref.quantities import FINAL
+from froxel_ref.quantities import final_result
 from froxel_ref.records import InputError, from_json, shown, to_json
 from froxel_ref.scene import Camera
 from froxel_ref.scene_files import Loaded, document
@@ -113,15 +114,15 @@ def write_frames(loaded: Loaded, assets: Assets, folder: Path, *, frames: int, r
     """
     check_target(folder, force=force, resume=resume)
     written = document(loaded.scene, loaded.settings)
-    state = _state(folder, written, rate) if resume else None
+    state, final = _state(folder, written, rate) if resume else None, final_result(loaded.settings)
     first = 0 if state is None else state.frame + 1
     if first >= frames:
         return 0
-    before = None if state is None else Frame({}, plan(loaded.scene, loaded.settings, [FINAL]), {}, loaded.scene,
+    before = None if state is None else Frame({}, plan(loaded.scene, loaded.settings, [final]), {}, loaded.scene,
                                               loaded.settings, history=state.history)
     # Refuses a frame that is not allowed before anything is written.
     made = run_sequence(loaded.scene, frames=frames, settings=loaded.settings, first=first, rate=rate, assets=assets,
-                        outputs=[FINAL], progress=progress, previous=before)
+                        outputs=[final], progress=progress, previous=before)
     with _writing(folder):
         folder.mkdir(exist_ok=True)
         if state is None:
@@ -195,8 +196,32 @@ def write_animation(loaded: Loaded, assets: Assets, path: Path, *, frames: int, 
     """
     with whole_file(path, force=force) as partial:
         made = run_sequence(loaded.scene, frames=frames, settings=loaded.settings, rate=rate, assets=assets,
-                            outputs=[FINAL], progress=progress)
+                            outputs=[final_result(loaded.settings)], progress=progress)
         partial.write_bytes(_gif([display_image(frame) for frame in made], rate))
+
+
+def write_last(loaded: Loaded, assets: Assets, path: Path, write: Callable[[Path, Frame], None], *, frames: int,
+               rate: float, force: bool = False, progress: Progress | None = None) -> None:
+    """Compute a sequence and write its last image: what filters over time have made of it.
+
+    Parameters
+    ----------
+    loaded, assets, frames, rate, force, progress
+        As for `write_frames`.
+    path : Path
+        The file; it appears when all is done.
+    write : callable
+        As `froxel_ref.image_files.image_writer` gives it.
+
+    Raises
+    ------
+    InputError
+        As for `write_frames`.
+    """
+    with whole_file(path, force=force) as partial:
+        made = run_sequence(loaded.scene, frames=frames, settings=loaded.settings, rate=rate, assets=assets,
+                            outputs=[final_result(loaded.settings)], progress=progress)
+        write(partial, deque(made, maxlen=1).pop())  # one frame at a time is held
 
 
 def _gif(images: list[NDArray[np.uint8]], rate: float) -> bytes:

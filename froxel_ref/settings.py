@@ -66,6 +66,15 @@ SWITCHES: dict[str, tuple[str, ...]] = {
     "jitter": ("centred", "published", "author", "off"),                        # D10, A2
     "checkerboard_parity": ("even", "even", "odd"),                             # A1
     "checkerboard_fill": ("existing", "zero", "zero"),                          # D11
+    "inverse_tone_map": ("carried", "luma", "bounded"),                         # D9
+    "half_depth": ("nearest", "nearest", "farthest"),                           # A11
+    "long_density": ("mean", "sampled", "sampled"),                             # S5
+    "long_judged": ("texel", "tap", "tap"),                                     # S6
+    "taa_points": ("centred", "published", "published", "off"),                 # D10
+    "taa_space": ("ycocg", "rgb", "rgb"),                                       # A10
+    "taa_border": ("inside", "repeat", "zero"),                                 # A10
+    "taa_box": ("measured", "least", "padded"),                                 # A10
+    "taa_weight": ("constant", "constant", "author"),                           # A10
 }
 FIDELITIES = ("corrected", "published", "author")
 
@@ -130,6 +139,26 @@ class Switches(Record):
     checkerboard_fill: str | None = _switch(
         "checkerboard_fill", "D11: holes without a history take the mean of the neighbours that exist, or neighbours "
                              "outside count as 0")
+    inverse_tone_map: str | None = _switch(
+        "inverse_tone_map", "D9: averages of tone-mapped colours come back by weights that are carried along, stored "
+                            "ones by a luma that their format holds; or by their luma, up to 1, or to 1 − 1e-6")
+    half_depth: str | None = _switch(
+        "half_depth", "A11: of two by two pixels, what texels of even column plus row take for the long range")
+    long_density: str | None = _switch(
+        "long_density", "S5: densities of the long range: means over a step, or as at its sample")
+    long_judged: str | None = _switch(
+        "long_judged", "S6: upsampling of the long range: each texel judged by its own depth, or four by the tap's")
+    taa_points: str | None = _switch(
+        "taa_points", "D10: where in its pixel a frame's sample lies: Halton points whose mean is the centre, or as "
+                      "they are; or always the centre")
+    taa_space: str | None = _switch("taa_space", "A10: colours that history is clipped in")
+    taa_border: str | None = _switch(
+        "taa_border", "A10: pixels beyond the image are not there, those at its edge once more, or black")
+    taa_box: str | None = _switch(
+        "taa_box", "A10: the box that history is clipped to: as measured; of a variance of at least 1e-7; that, and "
+                   "padded by 1e-5")
+    taa_weight: str | None = _switch(
+        "taa_weight", "A10: weight of the current frame: taa.alpha, or as the thesis's program varies it")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -268,6 +297,57 @@ class Temporal(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class FogLookup(Record):
+    """How the fog is looked up for what a pixel shows [Dörries 2020, §3.2.7, §3.2.10]."""
+
+    method: str = choice(
+        "trilinear", "biquadratic", "noisy", default="trilinear",
+        about="one trilinear fetch; one of a quadratic B-spline across; or several taps about the place, by blue noise")
+    bias: float | None = number(
+        None, "how much nearer to the camera; unless given none, of noisy taps 1.5 if stored values stand at centres, "
+              "as published, and 1 if at boundaries, which is the same place",
+        unit="slices", optional=True, at_least=0.0, within=(0.0, LONGEST))
+    taps: int = integer(4, "of a noisy lookup", at_least=1, at_most=4)
+    reach: float = number(1.5, "largest offset of a noisy tap along x and y", unit="froxels", at_least=0.0,
+                          within=(0.0, LONGEST))
+    depth_share: float = number(0.5, "share of that along z", at_least=0.0, within=(0.0, LONGEST))
+    stored: str = choice("linear", "tone_mapped", default="linear",
+                         about="radiance as it is, or as c/(1 + luma(c)), which is undone after the mean of all taps")
+    storage: str = choice("full", "float16", default="full",
+                          about="radiance and transmittance as computed, or as RGBA16F textures hold them")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LongRange(Record):
+    """Light and transmittance behind the froxels' far end: a march at half the resolution [Dörries 2020, §3.2.8]."""
+
+    march: bool = flag(False, "march from the far end to the surface")
+    steps: int = integer(16, "of equal length along each ray", at_least=1, at_most=65536)
+    farthest: float = number(10_000.0, "view depth at which rays end that meet no surface", **SIZE)
+    noise: bool = flag(True, "samples and upsampling taps by blue noise, other ones each frame; or middles and one tap")
+    sun_steps: int = integer(
+        0, "steps towards each sun, for the shadows of global media; none, and the fog's own, unless given",
+        at_least=0, at_most=65536)
+    sun_distance: float = number(1_000.0, "length of that march", **SIZE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AntiAliasing(Record):
+    """Temporal anti-aliasing of the image: jittered pixels, a clipped history [Dörries 2020, §3.2.6]."""
+
+    on: bool = flag(False, "average the image over frames")
+    alpha: float = number(0.1, "weight of the current frame; the thesis gives none", above=0.0, at_most=1.0)
+    clip: str = choice("line", "clamp", "off", default="line",
+                       about="history outside the neighbourhood's box: moved to it, cut channel by channel, or kept")
+    gamma: float = number(1.0, "the box reaches that many standard deviations", at_least=0.0, within=(0.0, LONGEST))
+    kernel: str = choice("five_tap", "bicubic", "bilinear", default="five_tap",
+                         about="how history is fetched between pixels: Catmull–Rom without corners, whole, or linearly")
+    tone_mapping: bool = flag(True, "average colours weighted by 1/(1 + luma), or as they are")
+    storage: str = choice("full", "float16", default="full",
+                          about="the image as computed, or as an RGBA16F texture holds it")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Settings(Record):
     """How a frame is computed."""
 
@@ -291,6 +371,9 @@ class Settings(Record):
         about="where particles are lit: at every point that a pixel shows, or at their centre")
     temporal: Temporal = nested(Temporal, default=Temporal(), about="the filter of froxels over frames")
     checkerboard: bool = flag(False, "compute every second froxel of a frame only")
+    fog_lookup: FogLookup = nested(FogLookup, default=FogLookup(), about="how the fog is looked up for a pixel")
+    long_range: LongRange = nested(LongRange, default=LongRange(), about="what lies behind the froxels' far end")
+    taa: AntiAliasing = nested(AntiAliasing, default=AntiAliasing(), about="temporal anti-aliasing of the image")
     merged: bool = flag(False, "media and lighting in one, slab by slab, without a V-Buffer as a whole")
     culling: Culling = nested(Culling, default=Culling(), about="the lists of lights and local media")
     precision: str = choice("float64", "float32", default="float64", about="type of the arithmetic")
@@ -300,6 +383,9 @@ class Settings(Record):
     def check_together(self) -> None:
         if self.checkerboard and self.grid.width * self.grid.height * self.grid.depth == 1:
             raise InputError("checkerboard", "is on for a grid of one froxel, must be off: there is no other half")
+        if self.long_range.march and self.long_range.farthest < self.grid.far:
+            raise InputError("long_range.farthest", f"is {self.long_range.farthest:g} m, must be at least grid.far "
+                                                    f"({self.grid.far:g} m)")
 
     def __getattr__(self, name: str) -> str:
         """The value of a switch, by its own name: the single switch if set, else what the fidelity says."""

@@ -6,6 +6,8 @@ A stage here only binds named arrays to the plain functions of its module.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from froxel_ref import (
@@ -16,10 +18,12 @@ from froxel_ref import (
     fom_stage,
     grid,
     integrate,
+    long_range_stage,
     media,
     particles,
     shadow_stage,
     surface,
+    taa_stage,
     temporal_stage,
 )
 from froxel_ref.arrays import Field, FogAt
@@ -27,7 +31,7 @@ from froxel_ref.billboards import placed_particles
 from froxel_ref.buffers import Integrated
 from froxel_ref.jobs import Job, Need, Part, Results, Stage
 from froxel_ref.light_visibility import light_visibility
-from froxel_ref.quantities import FINAL
+from froxel_ref.quantities import AVERAGED, FINAL
 from froxel_ref.scene import (
     BLACK,
     DirectionalLight,
@@ -336,8 +340,15 @@ def _fog_at(job: Job, results: Results, shape: tuple[int, int]) -> FogAt:
     if not (_needs_integrate(job.scene, how)[0] or job.full):
         return lambda rows, columns, depth: (_constant(job, "cx", BLACK), _constant(job, "x", 1.0))
     integrated = Integrated(*(results[name] for name in _INTEGRATED))
-    return apply.fog_lookup(integrated, how.grid, shape, lookup=how.lookup, near_surface=how.near_surface,
-                            threads=job.threads)
+    return apply.fog_lookup(integrated, how.grid, shape, **_lookup_options(job))
+
+
+def _lookup_options(job: Job) -> dict[str, Any]:
+    """How the fog is looked up, and where this frame samples its pixels."""
+    how = job.settings
+    return {"lookup": how.lookup, "near_surface": how.near_surface, "options": how.fog_lookup,
+            "inverse_tone_map": how.inverse_tone_map, "frame": job.frame, "shift": job.pixel_shift,
+            "threads": job.threads}
 
 
 # --- apply ------------------------------------------------------------------------------------------
@@ -351,7 +362,11 @@ def _needs_fog(scene: Scene, settings: Settings) -> Need:
 
 def _apply_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     fog, _ = _needs_fog(scene, settings)
-    return (Part("fog lookup", fog, "at each pixel's depth" if fog else "the scene has no fog to look up"),
+    how = settings.fog_lookup
+    bias = apply.lookup_bias(how, settings.lookup)
+    words = how.method + (f", {bias:g} slices nearer" if bias else "")
+    return (Part("fog lookup", fog, f"at each pixel's depth, {words}" if fog else "the scene has no fog to look up"),
+            Part("long range", *long_range_stage.needs_long_range(scene, settings)),
             Part("surface", *_needs_surface(scene, settings)),
             Part("particles", *_needs_particles(scene, settings)))
 
@@ -375,7 +390,7 @@ def _run_apply(job: Job, results: Results) -> dict[str, Field]:
     depth = results["surface/depth"]
     if depth.size == 1:
         depth = np.broadcast_to(depth, (camera.height, camera.width))
-    fog, transmittance = _looked_up(job, integrated, depth)
+    fog, transmittance = long_range_stage.behind(job, results, *_looked_up(job, integrated, depth))
     surface_share = transmittance
     if job.settings.surface_term == "inside":
         surface_share, _ = _looked_up(job, _path(job, temporal_stage.fog_fields(results)[1]), depth)
@@ -384,9 +399,7 @@ def _run_apply(job: Job, results: Results) -> dict[str, Field]:
 
 
 def _looked_up(job: Job, integrated: Integrated, depth: Field) -> tuple[Field, Field]:
-    how = job.settings
-    return apply.lookup_fog(integrated, how.grid, depth, lookup=how.lookup, near_surface=how.near_surface,
-                            threads=job.threads)
+    return apply.lookup_fog(integrated, job.settings.grid, depth, **_lookup_options(job))
 
 
 def _path(job: Job, extinction: Field) -> Integrated:
@@ -425,6 +438,9 @@ STAGES: tuple[Stage, ...] = (
           lambda job: fom_stage.map_keys(job.scene, job.settings, job.assets)),
     Stage("surface", "the nearest opaque surface and its Lambert shading", (*_SHADOW, *_FOM), _SURFACE,
           _needs_surface, _neutral_surface, _run_surface),
+    Stage("long_range", "light and transmittance behind the froxels, at half the image's resolution",
+          ("surface/depth", *_SHADOW, *_FOM), long_range_stage.FIELDS, long_range_stage.needs_long_range,
+          long_range_stage.nothing_marched, long_range_stage.long_range_fields, long_range_stage.long_range_parts),
     Stage("culling", "which lights and local media can reach which tiles and depths", (), (*_LIGHTS, *_LOCAL),
           _needs_culling, _neutral_culling, _run_culling, _culling_parts),
     Stage("media", "the V-Buffer: material of the media at each froxel", _LOCAL, (*_MEDIA, "media/albedo"),
@@ -443,9 +459,11 @@ STAGES: tuple[Stage, ...] = (
           (*_SHADOW, *_FOM, "surface/depth", *_INTEGRATED), _PARTICLES, _needs_particles,
           lambda job: {"particles/radiance": _constant(job, "cyx", BLACK),
                        "particles/transmittance": _constant(job, "yx", 1.0)}, _run_particles, _particle_parts),
-    Stage("apply", "the fog looked up at each pixel's depth, over the surface, and particles over both",
+    Stage("apply", "surface, under the long range and the fog at each pixel's depth, under particles",
           (*_SURFACE, *_INTEGRATED, "media/extinction", "lighting/in_scattering", *temporal_stage.FIELDS[:2],
-           *_PARTICLES),
+           *long_range_stage.FIELDS, *_PARTICLES),
           ("apply/fog_radiance", "apply/fog_transmittance", FINAL), _always, lambda job: {}, _run_apply,
           _apply_parts),
+    Stage("taa", "the image averaged over frames", (FINAL, "surface/depth"), (AVERAGED,), taa_stage.needs_average,
+          taa_stage.no_average, taa_stage.averaged_image),
 )

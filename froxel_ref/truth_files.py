@@ -81,7 +81,7 @@ def write_truth(folder: Path, image: TruthImage, frame: Frame, loaded: Loaded, o
         From `froxel_ref.output.whole_folder`.
     image : TruthImage
     frame : Frame
-        Of the same scene, with the result ``apply/radiance``.
+        Of the same scene, with its final image.
     loaded : Loaded
         Scene, settings and the folder of the files that the scene names.
     options : Options
@@ -93,7 +93,7 @@ def write_truth(folder: Path, image: TruthImage, frame: Frame, loaded: Loaded, o
     """
     entries = [_write(folder, name, image) for name in ARRAYS if name != "filter_error" or options.filter == "box"]
     view = View(frame.scene.camera, frame.settings.grid, frame.display_exposure)
-    shown = np.broadcast_to(frame["apply/radiance"], image.radiance.shape)
+    shown = np.broadcast_to(frame.image, image.radiance.shape)
     write_png(folder / "radiance.png", final_image(image.radiance, view))
     write_png(folder / "error.png", error_picture(image))
     grid = frame.settings.grid

@@ -228,9 +228,10 @@ def test_images_fit_their_box_without_stretching(size: tuple[int, int], box: tup
 
 
 def sizes(quantity: Quantity, full: bool) -> tuple[int, ...]:
-    on_grid = quantity.on_grid or "z" in quantity.axes
-    whole = {"c": 3, "l": 2, "z": GRID.depth, "y": GRID.height if on_grid else CAMERA.height,
-             "x": GRID.width if on_grid else CAMERA.width, "m": 2, "f": 3, "p": 16, "q": 16, "i": 3, "j": 4,
+    half = 2 if quantity.raster == "half" else 1
+    on_grid = quantity.raster == "grid" or "z" in quantity.axes
+    whole = {"c": 3, "l": 2, "z": GRID.depth, "y": GRID.height if on_grid else -(-CAMERA.height // half),
+             "x": GRID.width if on_grid else -(-CAMERA.width // half), "m": 2, "f": 3, "p": 16, "q": 16, "i": 3, "j": 4,
              "e": 2, "a": 3}
     return tuple(whole[axis] if full or axis in "clmfpqijea" else 1 for axis in quantity.axes)
 

@@ -41,6 +41,15 @@ EXPECTED = {
     "jitter": ("D10", "centred", "published", "author"),
     "checkerboard_parity": ("A1", "even", "even", "odd"),
     "checkerboard_fill": ("D11", "existing", "zero", "zero"),
+    "inverse_tone_map": ("D9", "carried", "luma", "bounded"),
+    "half_depth": ("A11", "nearest", "nearest", "farthest"),
+    "long_density": ("S5", "mean", "sampled", "sampled"),
+    "long_judged": ("S6", "texel", "tap", "tap"),
+    "taa_points": ("D10", "centred", "published", "published"),
+    "taa_space": ("A10", "ycocg", "rgb", "rgb"),
+    "taa_border": ("A10", "inside", "repeat", "zero"),
+    "taa_box": ("A10", "measured", "least", "padded"),
+    "taa_weight": ("A10", "constant", "constant", "author"),
 }
 
 
