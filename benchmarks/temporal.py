@@ -22,7 +22,7 @@ from froxel_ref.blocks import available_threads
 from froxel_ref.frame import FINAL, Frame, run_frame
 from froxel_ref.settings import Settings, Temporal, replace
 
-FOG = ("media", "lighting", "merged", "temporal")
+FOG = ("media", "material", "lighting", "merged", "temporal")
 
 
 def sequence(scene: object, settings: Settings, count: int, **more: object) -> list[Frame]:

@@ -18,7 +18,7 @@ from froxel_ref.settings import SWITCHES, FogLookup, Grid
 from froxel_ref.storage import store
 from froxel_ref.tonemap import FLOAT16_LARGEST_LUMA, tone_map
 
-__all__ = ["LOOKUPS", "composite", "fog_lookup", "lookup_fog"]
+__all__ = ["LOOKUPS", "composite", "fog_lookup", "lookup_bias", "lookup_fog"]
 
 LOOKUPS = tuple(dict.fromkeys(SWITCHES["lookup"]))
 NEAR_SURFACES = tuple(dict.fromkeys(SWITCHES["near_surface"]))
@@ -154,6 +154,7 @@ def fog_lookup(integrated: Integrated, grid: Grid, shape: tuple[int, int], *, lo
     light = _stored(_texels(integrated.radiance, integrated.front_radiance, 0.0, grid, lookup), how, toned=True)
     passed = _stored(_texels(integrated.transmittance, integrated.front_transmittance, 1.0, grid, lookup), how)
     fetch = fetch_biquadratic if how.method == "biquadratic" else fetch_trilinear
+    bias = lookup_bias(how, lookup)
     toned, noise = how.stored == "tone_mapped", blue_noise(dtype=dtype) if how.method == "noisy" else None
     most = {"carried": FLOAT16_LARGEST_LUMA if how.storage == "float16" else None, "luma": 1.0,
             "bounded": 1.0 - 1e-6}[inverse_tone_map]
@@ -163,17 +164,41 @@ def fog_lookup(integrated: Integrated, grid: Grid, shape: tuple[int, int], *, lo
         x = ((columns + (0.5 + shift[0])) * (grid.width / width)).astype(dtype)
         y = ((rows + (0.5 + shift[1])) * (grid.height / height)).astype(dtype)
         z = _texel_depth(depth, grid, lookup, near_surface).astype(dtype)
-        if noise is None and how.bias == 0.0 and not toned:
+        if noise is None and bias == 0.0 and not toned:
             return fetch(light, x, y, z, threads=threads), fetch(passed, x, y, z, threads=threads)
         offsets = (np.zeros((1, 3, *(1,) * z.ndim), dtype) if noise is None else
                    tap_offsets(rows, columns, frame, taps=how.taps, reach=how.reach, depth_share=how.depth_share,
                                noise=noise, dtype=dtype))
-        radiance = noisy_lookup(light, x, y, z, offsets, bias=how.bias, nearest=nearest, tone_mapped=toned,
+        radiance = noisy_lookup(light, x, y, z, offsets, bias=bias, nearest=nearest, tone_mapped=toned,
                                 largest_luma=most, fetch=fetch, threads=threads)
-        return radiance, noisy_lookup(passed, x, y, z, offsets, bias=how.bias, nearest=nearest, fetch=fetch,
+        return radiance, noisy_lookup(passed, x, y, z, offsets, bias=bias, nearest=nearest, fetch=fetch,
                                       threads=threads)
 
     return at
+
+
+def lookup_bias(how: FogLookup, lookup: str) -> float:
+    """How many slices nearer to the camera the fog is looked up.
+
+    Parameters
+    ----------
+    how : FogLookup
+    lookup : {"boundary", "centre"}
+
+    Returns
+    -------
+    float
+        As given; else 0 of one fetch, and of noisy taps 1.5 by "centre" [Dörries 2020, §3.2.7], which is half a slice
+        too deep (D4), so 1 by "boundary".
+
+    Examples
+    --------
+    >>> [lookup_bias(FogLookup(method="noisy"), lookup) for lookup in LOOKUPS]
+    [1.0, 1.5]
+    """
+    if how.bias is not None:
+        return how.bias
+    return 0.0 if how.method != "noisy" else {"boundary": 1.0, "centre": 1.5}[lookup]
 
 
 def _stored(texture: Field, how: FogLookup, *, toned: bool = False) -> Field:

@@ -50,6 +50,7 @@ examples:
   froxel-ref render lights
   froxel-ref render thesis-hall --set 'global_media[0].extinction=0.05' --fidelity published -o thick.png
   froxel-ref render my-scene.json --size 1920x1080 -o my-scene.exr
+  froxel-ref render thesis-hall --preset thesis --frames 32 -o hall.png
   froxel-ref render my-scene.json --frames 90 -o frames --set temporal.filter=scattering
   froxel-ref render my-scene.json --frames 90 -o frames --set temporal.filter=scattering --resume
 """
@@ -202,7 +203,8 @@ def _parser() -> argparse.ArgumentParser:
     command("scenes", _scenes, "list the built-in scenes", "example:\n  froxel-ref scenes\n")
     render = command("render", _render, "compute a frame and write its final image", RENDER)
     _scene_options(render)
-    _output_options(render, "IMAGE", "file to write (default: SCENE.png); with --frames a folder, or a .gif")
+    _output_options(render, "IMAGE", "file to write (default: SCENE.png); with --frames a folder, a .gif, or the last "
+                    "frame's image")
     render.add_argument("--frames", metavar="N", help="compute a sequence of N frames, as the scene's tracks move it")
     render.add_argument("--rate", metavar="R", default="30", help="frames a second (default: 30)")
     render.add_argument("--resume", action="store_true", help="go on behind the last frame of a folder of frames")
@@ -233,6 +235,7 @@ def _scene_options(parser: argparse.ArgumentParser, default: str | None = None) 
     parser.add_argument("--grid", metavar="WxHxD", help="froxels across, down and in depth")
     parser.add_argument("--size", metavar="WxH", help="image size in pixels")
     parser.add_argument("--data", metavar="DIR", help="folder of the files that the scene names")
+    parser.add_argument("--preset", metavar="NAME", help="settings to begin with: thesis, its whole frame")
     parser.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], dest="changes",
                         help="change one value of the scene or the settings; may be repeated")
     parser.add_argument("--precision", metavar="TYPE", help="float64 (default) or float32")
@@ -255,7 +258,8 @@ def _load(args: argparse.Namespace) -> Loaded:
     """The scene with the options that change it, each by the name that its own message will give."""
     from froxel_ref.scene_files import load
 
-    changes = list(args.changes)
+    changes = [] if args.preset is None else _preset(args.preset)
+    changes += args.changes
     if args.precision is not None:
         changes.append(f"settings.precision={json.dumps(args.precision)}")
     if args.fidelity is not None:
@@ -268,6 +272,15 @@ def _load(args: argparse.Namespace) -> Loaded:
         sizes = _sizes(args.size, "--size", "WIDTHxHEIGHT")
         changes += [f"scene.camera.{axis}={n}" for axis, n in zip(("width", "height"), sizes, strict=True)]
     return load(args.scene, overrides=changes, data=args.data)
+
+
+def _preset(name: str) -> list[str]:
+    from froxel_ref.presets import preset
+
+    try:
+        return preset(name)
+    except InputError as error:
+        raise InputError("--preset", error.problem) from None
 
 
 def _run(loaded: Loaded, outputs: list[str] | None, progress: Progress) -> Frame:
@@ -323,8 +336,9 @@ def _render(args: argparse.Namespace) -> None:
 
 def _render_sequence(args: argparse.Namespace) -> None:
     from froxel_ref.assets import load_assets
+    from froxel_ref.image_files import ENDINGS, image_writer
     from froxel_ref.output import output_path
-    from froxel_ref.sequence_files import write_animation, write_frames
+    from froxel_ref.sequence_files import write_animation, write_frames, write_last
 
     if not re.fullmatch(r"[0-9]{1,9}", args.frames) or int(args.frames) < 1:
         raise InputError("--frames", f"is {shown(args.frames)}, must be a whole number of at least 1")
@@ -335,14 +349,19 @@ def _render_sequence(args: argparse.Namespace) -> None:
     frames, rate = int(args.frames), float(args.rate)
     path = output_path(args.output, f"frames-{Path(args.scene).stem}")
     animation = path.suffix.lower() == ".gif"
-    if not animation and path.suffix and not path.is_dir():
-        raise InputError("output", f"{shown(str(path))} must be a folder, or end in .gif, with --frames")
-    if animation and args.resume:
-        raise InputError("--resume", "is given for a .gif, must come with a folder of frames")
+    last = path.suffix.lower() in ENDINGS
+    if not (animation or last) and path.suffix and not path.is_dir():
+        raise InputError("output", f"{shown(str(path))} must be a folder, or end in .gif, {', '.join(ENDINGS)}, with "
+                                   "--frames")
+    if (animation or last) and args.resume:
+        raise InputError("--resume", f"is given for a {path.suffix.lower()}, must come with a folder of frames")
+    write = image_writer(path) if last else None
     loaded = _load(args)
     assets = load_assets(loaded.scene, loaded.folder)
     with progress("frames") as tell:
-        if animation:
+        if write is not None:
+            write_last(loaded, assets, path, write, frames=frames, rate=rate, force=args.force, progress=tell)
+        elif animation:
             write_animation(loaded, assets, path, frames=frames, rate=rate, force=args.force, progress=tell)
         else:
             write_frames(loaded, assets, path, frames=frames, rate=rate, force=args.force, resume=args.resume,

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from froxel_ref import material_stage, temporal_stage
 from froxel_ref.arrays import Field
 from froxel_ref.assets import Assets, load_assets
 from froxel_ref.culling import list_shapes
@@ -28,7 +29,6 @@ from froxel_ref.scene import Folds, HeightField, PointLight, Scene
 from froxel_ref.settings import Settings
 from froxel_ref.shadow_stage import map_bytes
 from froxel_ref.stages import STAGES
-from froxel_ref.temporal_stage import HISTORY, needs_filter
 
 __all__ = [
     "FINAL", "QUANTITIES", "Frame", "Plan", "Planned", "Quantity", "estimate_bytes", "plan", "run_frame",
@@ -138,7 +138,7 @@ def estimate_bytes(scene: Scene, settings: Settings) -> int:
         if name.startswith(("shadow/", "fom/", "culling/")) or _idle(name, settings):
             continue
         rows, columns = raster_size(quantity, scene.camera, settings.grid)
-        size = {"c": 3, "l": lobes, "z": settings.grid.depth, "y": rows, "x": columns}
+        size = {"c": 3, "l": lobes, "m": 1, "z": settings.grid.depth, "y": rows, "x": columns}
         tinted = name.endswith(("extinction", "transmittance")) and not name.startswith("particles/")
         total += math.prod(size[axis] for axis in quantity.axes) * (tints if tinted else 1)
     return (total * np.dtype(settings.precision).itemsize + map_bytes(scene, settings)
@@ -151,7 +151,9 @@ def _idle(name: str, settings: Settings) -> bool:
         return not (settings.long_range.march if name.startswith("long_range/") else settings.taa.on)
     if name.endswith("/unphased"):
         return settings.temporal.filter != "unphased"
-    return name.startswith("temporal/") and not needs_filter(settings)[0]
+    if name.startswith("material/"):
+        return settings.temporal.filter != "media"
+    return name.startswith("temporal/") and not temporal_stage.needs_filter(settings)[0]
 
 
 def _bounded(scene: Scene) -> tuple[int, int]:
@@ -372,7 +374,8 @@ def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets 
         timings[stage.name] = time.perf_counter() - begin
         kept |= {group: (key, {name: made[name] for name in group}) for group, key in keys.items()}
         reused += known
-        held |= {name: made[name] for name in (*HISTORY, AVERAGED) if name in made}
+        held |= {name: made[name] for name in (*material_stage.HISTORY, *temporal_stage.HISTORY, AVERAGED)
+                 if name in made}
         results |= made
         still_read = {name for later in running[index + 1:] for name in later.reads} | set(the_plan.outputs)
         results = {name: field for name, field in results.items() if name in still_read}
@@ -382,10 +385,7 @@ def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets 
 
 def _history(job: Job, held: Mapping[str, Field]) -> History | None:
     """What temporal filters hand to the next frame; nothing where none ran."""
-    if not held:
-        return None
-    held = {name: array for name, array in held.items() if array.size}
-    if not held:
+    if not any(array.size for array in held.values()):
         return None
     for array in held.values():
         array.flags.writeable = False

@@ -17,7 +17,10 @@ from froxel_ref.records import InputError, shown
 if TYPE_CHECKING:
     from froxel_ref.frame import Frame
 
-__all__ = ["display_image", "image_writer", "linear_image", "write_png"]
+__all__ = ["ENDINGS", "display_image", "image_writer", "linear_image", "write_png"]
+
+ENDINGS = (".png", ".npy", ".exr")
+"""Of files that hold an image."""
 
 
 def image_writer(path: Path) -> Callable[[Path, Frame], None]:
@@ -47,7 +50,7 @@ def image_writer(path: Path) -> Callable[[Path, Frame], None]:
         ...
     froxel_ref.records.InputError: output: 'fog.tiff' must end in one of .png, .npy, .exr
     """
-    writers = {".png": _write_display, ".npy": _write_npy, ".exr": _write_exr}
+    writers = dict(zip(ENDINGS, (_write_display, _write_npy, _write_exr), strict=True))
     ending = path.suffix.lower()
     if ending not in writers:
         raise InputError("output", f"{shown(str(path))} must end in one of {', '.join(writers)}")

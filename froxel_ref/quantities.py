@@ -80,6 +80,16 @@ QUANTITIES: dict[str, Quantity] = {
     "media/phase_anisotropy": Quantity("zyx", "1", "phase anisotropy g at the froxel's sample"),
     "media/lobe_scattering": Quantity("lczyx", "1/m", "scattering coefficient of each lobe of a mixture"),
     "media/lobe_anisotropy": Quantity("l", "1", "phase anisotropy g of each lobe of a mixture"),
+    "material/scattering": Quantity("czyx", "1/m", "scattering coefficient filtered over frames; temporal.filter media "
+                                                   "only, as all of this stage"),
+    "material/extinction": Quantity("zyx", "1/m", "extinction coefficient filtered over frames, holes filled"),
+    "material/emission": Quantity("czyx", PER_METRE, "emission filtered over frames"),
+    "material/phase_anisotropy": Quantity("zyx", "1", "phase anisotropy g, the mean over frames by what scattered"),
+    "material/lobe_scattering": Quantity("lczyx", "1/m", "scattering coefficient of each lobe, filtered over frames"),
+    "material/lobe_anisotropy": Quantity("l", "1", "phase anisotropy g of each lobe"),
+    "material/sun_light": Quantity("m", "1", "index of the directional light whose visibility is filtered"),
+    "material/sun_visibility": Quantity("zyx", "1", "share of that light that arrives, filtered over frames"),
+    "material/valid": Quantity("zyx", "1", "1 where the froxel was in view a frame ago, 0 where history begins"),
     "lighting/in_scattering": Quantity("czyx", PER_METRE, "radiance scattered towards the camera per metre"),
     "lighting/unphased": Quantity("czyx", PER_METRE, "the same with an isotropic phase function; temporal.filter "
                                                       "unphased only"),

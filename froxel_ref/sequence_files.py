@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import json
 import re
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -197,6 +198,30 @@ def write_animation(loaded: Loaded, assets: Assets, path: Path, *, frames: int, 
         made = run_sequence(loaded.scene, frames=frames, settings=loaded.settings, rate=rate, assets=assets,
                             outputs=[final_result(loaded.settings)], progress=progress)
         partial.write_bytes(_gif([display_image(frame) for frame in made], rate))
+
+
+def write_last(loaded: Loaded, assets: Assets, path: Path, write: Callable[[Path, Frame], None], *, frames: int,
+               rate: float, force: bool = False, progress: Progress | None = None) -> None:
+    """Compute a sequence and write its last image: what filters over time have made of it.
+
+    Parameters
+    ----------
+    loaded, assets, frames, rate, force, progress
+        As for `write_frames`.
+    path : Path
+        The file; it appears when all is done.
+    write : callable
+        As `froxel_ref.image_files.image_writer` gives it.
+
+    Raises
+    ------
+    InputError
+        As for `write_frames`.
+    """
+    with whole_file(path, force=force) as partial:
+        made = run_sequence(loaded.scene, frames=frames, settings=loaded.settings, rate=rate, assets=assets,
+                            outputs=[final_result(loaded.settings)], progress=progress)
+        write(partial, deque(made, maxlen=1).pop())  # one frame at a time is held
 
 
 def _gif(images: list[NDArray[np.uint8]], rate: float) -> bytes:

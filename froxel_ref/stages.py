@@ -19,6 +19,7 @@ from froxel_ref import (
     grid,
     integrate,
     long_range_stage,
+    material_stage,
     media,
     particles,
     shadow_stage,
@@ -208,6 +209,15 @@ def _run_fom(job: Job, results: Results) -> dict[str, Field]:
                                   known=results)
 
 
+# --- material ---------------------------------------------------------------------------------------
+
+
+def _needs_material(scene: Scene, settings: Settings) -> Need:
+    if settings.temporal.filter != "media":
+        return False, "no temporal filter of media"
+    return _has_media(scene, settings)
+
+
 # --- lighting ---------------------------------------------------------------------------------------
 
 
@@ -363,7 +373,8 @@ def _needs_fog(scene: Scene, settings: Settings) -> Need:
 def _apply_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     fog, _ = _needs_fog(scene, settings)
     how = settings.fog_lookup
-    words = how.method + (f", {how.bias:g} slices nearer" if how.bias else "")
+    bias = apply.lookup_bias(how, settings.lookup)
+    words = how.method + (f", {bias:g} slices nearer" if bias else "")
     return (Part("fog lookup", fog, f"at each pixel's depth, {words}" if fog else "the scene has no fog to look up"),
             Part("long range", *long_range_stage.needs_long_range(scene, settings)),
             Part("surface", *_needs_surface(scene, settings)),
@@ -444,22 +455,28 @@ STAGES: tuple[Stage, ...] = (
           _needs_culling, _neutral_culling, _run_culling, _culling_parts),
     Stage("media", "the V-Buffer: material of the media at each froxel", _LOCAL, (*_MEDIA, "media/albedo"),
           _needs_media, _neutral_media, fog_stages.voxel_fields, _media_parts),
-    Stage("lighting", "light scattered towards the camera at each froxel", (*_MEDIA, *_SHADOW, *_FOM, *_LIGHTS),
-          _LIGHT, _needs_lighting, _neutral_lighting, fog_stages.scattered_fields, _lighting_parts),
+    Stage("material", "the V-Buffer and a sun's visibility filtered over frames", (*_MEDIA, *_SHADOW, *_FOM),
+          material_stage.FIELDS, _needs_material, material_stage.nothing_filtered, material_stage.filtered_material,
+          material_stage.material_parts),
+    Stage("lighting", "light scattered towards the camera at each froxel",
+          (*_MEDIA, *material_stage.FIELDS[:-1], *_SHADOW, *_FOM, *_LIGHTS), _LIGHT,
+          _needs_lighting, _neutral_lighting, fog_stages.scattered_fields, _lighting_parts),
     Stage("merged", "media and lighting in one, slab by slab", (*_LOCAL, *_SHADOW, *_FOM, *_LIGHTS),
           (*_LIGHT, "media/extinction"), _needs_merged, lambda job: {}, fog_stages.merged_fields, _merged_parts),
-    Stage("temporal", "froxels filtered over frames, holes of the checkerboard filled", (*_LIGHT, "media/extinction"),
-          temporal_stage.FIELDS, _needs_temporal, temporal_stage.nothing_filtered, temporal_stage.filtered_fields,
+    Stage("temporal", "froxels filtered over frames, holes of the checkerboard filled",
+          (*_LIGHT, "media/extinction", "material/extinction"), temporal_stage.FIELDS,
+          _needs_temporal, temporal_stage.nothing_filtered, temporal_stage.filtered_fields,
           temporal_stage.temporal_parts),
     Stage("integrate", "radiance and transmittance from the camera to each slice",
-          ("lighting/in_scattering", "media/extinction", *temporal_stage.FIELDS[:2]), _INTEGRATED, _needs_integrate,
-          _neutral_integrate, _run_integrate),
+          ("lighting/in_scattering", "media/extinction", "material/extinction", *temporal_stage.FIELDS[:2]),
+          _INTEGRATED, _needs_integrate, _neutral_integrate, _run_integrate),
     Stage("particles", "billboards, lit and fogged at their own depth, from back to front",
           (*_SHADOW, *_FOM, "surface/depth", *_INTEGRATED), _PARTICLES, _needs_particles,
           lambda job: {"particles/radiance": _constant(job, "cyx", BLACK),
                        "particles/transmittance": _constant(job, "yx", 1.0)}, _run_particles, _particle_parts),
     Stage("apply", "surface, under the long range and the fog at each pixel's depth, under particles",
-          (*_SURFACE, *_INTEGRATED, "media/extinction", "lighting/in_scattering", *temporal_stage.FIELDS[:2],
+          (*_SURFACE, *_INTEGRATED, "media/extinction", "material/extinction", "lighting/in_scattering",
+           *temporal_stage.FIELDS[:2],
            *long_range_stage.FIELDS, *_PARTICLES),
           ("apply/fog_radiance", "apply/fog_transmittance", FINAL), _always, lambda job: {}, _run_apply,
           _apply_parts),

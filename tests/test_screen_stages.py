@@ -180,7 +180,7 @@ def test_noise_is_another_one_each_frame_and_its_mean_is_the_plain_lookup() -> N
     plain = run_frame(scene, Settings(grid=GRID))["apply/fog_radiance"]
     off, spread = [], []
     for reach in (0.1, 0.05):
-        how = Settings(grid=GRID, fog_lookup=FogLookup(method="noisy", reach=reach))
+        how = Settings(grid=GRID, fog_lookup=FogLookup(method="noisy", reach=reach, bias=0.0))
         frames = [run_frame(scene, how, frame=n)["apply/fog_radiance"] for n in range(64)]
         assert not np.array_equal(frames[0], frames[1])
         off.append(np.sqrt(np.mean((np.mean(frames, axis=0) - plain) ** 2)))
@@ -329,7 +329,7 @@ def test_the_published_points_shift_the_image_for_ever_and_centred_ones_do_not()
     moved = {points: ((coverage(sequence(scene, replace(how, taa_points=points), 16)) - still)[9:11] / slope)
              for points in ("published", "centred")}
     assert lasting < -0.036
-    # The bend of the image moves both alike, and in the middle columns it does not change across; measured: within 0.003.
+    # The bend of the image moves both alike, and it does not change across the middle columns; measured: within 0.003.
     np.testing.assert_allclose((moved["published"] - moved["centred"])[:, 7:9], lasting, atol=0.005)
 
 
