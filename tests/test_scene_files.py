@@ -24,8 +24,8 @@ from froxel_ref.scene_files import LARGEST, Document, builtin, document, load, s
 from froxel_ref.settings import Settings
 from froxel_ref.strict_json import parse
 
-NAMES = ["leak", "lights", "many-lights", "particles-in-fog", "ringing", "shaft", "smoke", "thesis-hall", "thin-layer",
-         "two-volumes", "uniform", "vacuum"]
+NAMES = ["ghosting", "leak", "lights", "many-lights", "particles-in-fog", "ringing", "shaft", "smoke", "thesis-hall",
+         "thin-layer", "two-volumes", "uniform", "vacuum"]
 SMALL = '{"schema": 1, "scene": {"name": "small"}}'
 
 
