@@ -176,8 +176,8 @@ def main() -> None:
     parser.add_argument("--depth", type=int, default=40)
     args = parser.parse_args()
     stand = make_stand(Grid(width=args.width, height=args.height, depth=args.depth))
-    print(f"{args.width}x{args.height}x{args.depth} froxels, lantern at {stand.speed:.1f} m/s, {RATE:.0f} frames a second,"
-          f" {int(stand.near.sum())} froxels where it passed")
+    print(f"{args.width}x{args.height}x{args.depth} froxels, lantern at {stand.speed:.1f} m/s, {RATE:.0f} frames a "
+          f"second, {int(stand.near.sum())} froxels where it passed")
     table(stand, lambda line: print(line, flush=True))
 
 
