@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -98,10 +98,12 @@ def average(scene: Scene, settings: Settings, count: int) -> tuple[Field, Field]
     return np.mean(fields, axis=0), np.mean(images, axis=0)
 
 
-def make_stand(grid: Grid, *, points: int = CYCLE, frames: int = 130, rest: int = 8 * CYCLE) -> Stand:
+def make_stand(grid: Grid, *, points: int = CYCLE, frames: int = 130, rest: int = 8 * CYCLE,
+               pixels: int = 4, overrides: Sequence[str] = ()) -> Stand:
     """The scene at every moment, and the truth of each."""
-    loaded = scene_files.load("ghosting")
-    camera = dataclasses.replace(loaded.scene.camera, width=4 * grid.width, height=4 * grid.height)
+    loaded = scene_files.load("ghosting", overrides=overrides)
+    camera = dataclasses.replace(loaded.scene.camera, width=pixels * grid.width,
+                                 height=pixels * grid.height)
     track = dataclasses.replace(loaded.scene.tracks[0], repeat="hold")
     scene = dataclasses.replace(loaded.scene, camera=camera, tracks=(track,))
     settings = replace(loaded.settings, grid=dataclasses.replace(loaded.settings.grid, width=grid.width,
