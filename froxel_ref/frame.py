@@ -181,8 +181,9 @@ def working_bytes(scene: Scene, settings: Settings) -> int:
     -------
     int
         Bytes of what grows with the scene: each lobe of a mixture before it is stacked, each lamp's
-        distances per ray, each height field's triangles, particles' crossings with the rays of opacity maps, the
-        lists of lights twice more; and a quarter of the results for all else.
+        distances per ray, each height field's triangles, particles' crossings with the rays of opacity maps, each
+        transparent surface's layer with the particles behind it, the lists of lights twice more; and a quarter of the
+        results for all else.
 
     Examples
     --------
@@ -191,13 +192,15 @@ def working_bytes(scene: Scene, settings: Settings) -> int:
     """
     grid, item = settings.grid, np.dtype(settings.precision).itemsize
     lobes = _lobes(scene, settings)
-    folds = [surface.heights.size for surface in scene.surfaces
+    folds = [surface.heights.size for surface in scene.all_surfaces
              if isinstance(surface, HeightField) and isinstance(surface.heights, Folds)]
     lamps, _ = _bounded(scene)
+    panes = sum(each.visible for each in scene.transparent_surfaces)
     # A lamp keeps two numbers per ray (a spot light four) and some 32 bytes per slice; a fold's 1:4 grid of
     # heights has two triangles a cell, of some 128 bytes each while they are hit.
     return (3 * lobes * grid.width * grid.height * grid.depth * item
             + lamps * (4 * grid.width * grid.height * item + 32 * grid.depth)
+            + 9 * panes * scene.camera.width * scene.camera.height * item
             + sum(64 * size * size for size in folds) + crossing_bytes(scene, settings)
             + 2 * _list_bytes(scene, settings) + estimate_bytes(scene, settings) // 4)
 

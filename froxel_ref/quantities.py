@@ -106,8 +106,9 @@ QUANTITIES: dict[str, Quantity] = {
     "long_range/radiance": Quantity("cyx", RADIANCE, "light from behind the froxels, as it arrives at their far end",
                                     "half"),
     "long_range/transmittance": Quantity("yx", "1", "transmittance from the froxels' far end to the surface", "half"),
-    "particles/radiance": Quantity("cyx", RADIANCE, "the particles' light, fogged at their own depth, times opacity"),
-    "particles/transmittance": Quantity("yx", "1", "share of what lies behind the particles that passes"),
+    "particles/radiance": Quantity("cyx", RADIANCE, "light of particles and transparent surfaces, fogged at their own "
+                                                    "depth, times opacity"),
+    "particles/transmittance": Quantity("yx", "1", "share of what lies behind these that passes"),
     "apply/fog_radiance": Quantity("cyx", RADIANCE, "fog's radiance in front of each pixel's surface, long range too"),
     "apply/fog_transmittance": Quantity("yx", "1", "transmittance in front of each pixel's surface"),
     FINAL: Quantity("cyx", RADIANCE, "the final image: surface times transmittance, plus fog, under particles"),

@@ -28,8 +28,8 @@ from froxel_ref.sequence import moment
 from froxel_ref.settings import Settings, replace
 from froxel_ref.strict_json import parse
 
-NAMES = ["hall-walk", "leak", "leak-walk", "lights", "long-range", "many-lights", "particles-in-fog", "ringing",
-         "shaft", "smoke", "thesis-hall", "thin-layer", "two-volumes", "uniform", "vacuum"]
+NAMES = ["ghosting", "hall-walk", "leak", "leak-walk", "lights", "long-range", "many-lights", "particles-in-fog",
+         "ringing", "shaft", "smoke", "thesis-hall", "thin-layer", "two-volumes", "uniform", "vacuum"]
 SMALL = '{"schema": 1, "scene": {"name": "small"}}'
 
 
