@@ -34,7 +34,7 @@ from froxel_ref.scene import Camera, DirectionalLight, Scene
 from froxel_ref.scene_files import Loaded
 from froxel_ref.settings import Settings, Temporal, replace
 
-FOG = ("media", "lighting", "merged", "temporal")
+FOG = ("media", "material", "lighting", "merged", "temporal")
 OPACITY = tuple(name for name in QUANTITIES if name.startswith("fom/"))
 FRAMES = 8
 SCENE, FAR_SCENE = "thesis-hall", "long-range"

@@ -24,6 +24,7 @@ from froxel_ref.scene import (
     Mesh,
     NoiseDensity,
     Scene,
+    Surface,
     VolumeDensity,
 )
 from froxel_ref.volumes import noise, open_input, read_density, read_npy, refuse
@@ -143,10 +144,18 @@ def _textures(scene: Scene) -> Iterator[tuple[NoiseDensity | VolumeDensity, str]
                 yield medium.density.source, f"{name}[{i}].density.source"
 
 
-def _heights(scene: Scene) -> Iterator[tuple[Folds | HeightsFile, str]]:
+def _surfaces(scene: Scene) -> Iterator[tuple[Surface, str]]:
+    """The opaque and the transparent ones."""
     for i, surface in enumerate(scene.surfaces):
+        yield surface, f"surfaces[{i}]"
+    for i, each in enumerate(scene.transparent_surfaces):
+        yield each.surface, f"transparent_surfaces[{i}].surface"
+
+
+def _heights(scene: Scene) -> Iterator[tuple[Folds | HeightsFile, str]]:
+    for surface, place in _surfaces(scene):
         if isinstance(surface, HeightField):
-            yield surface.heights, f"surfaces[{i}].heights"
+            yield surface.heights, f"{place}.heights"
 
 
 def _shadow_maps(scene: Scene) -> Iterator[tuple[str, str]]:
@@ -165,10 +174,10 @@ def _meshes(scene: Scene, read: Callable[[Mesh, str], Triangles]) -> dict[Mesh, 
     """Meshes that differ in colour or transform alone share their arrays."""
     files: dict[str, Triangles] = {}
     done: dict[Mesh, Triangles] = {}
-    for i, surface in enumerate(scene.surfaces):
+    for surface, place in _surfaces(scene):
         if isinstance(surface, Mesh):
             if surface.path not in files:
-                files[surface.path] = read(surface, f"surfaces[{i}]")
+                files[surface.path] = read(surface, place)
             done[surface] = files[surface.path]
     return done
 
@@ -233,9 +242,9 @@ def _paths(scene: Scene) -> Iterator[tuple[str, str]]:
     for heights, place in _heights(scene):
         if isinstance(heights, HeightsFile):
             yield heights.path, f"{place}.path"
-    for i, surface in enumerate(scene.surfaces):
+    for surface, place in _surfaces(scene):
         if isinstance(surface, Mesh):
-            yield surface.path, f"surfaces[{i}].path"
+            yield surface.path, f"{place}.path"
     yield from _shadow_maps(scene)
     yield from _opacities(scene)
     if scene.image_buffers is not None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,11 +25,16 @@ from froxel_ref.quantities import QUANTITIES, stored_grid
 from froxel_ref.scene import PointLight
 
 __all__ = [
-    "Piece", "fog_tiling", "lobe_fields", "merged_fields", "pieces", "scattered_fields", "v_buffer", "voxel_fields",
+    "FILTERED", "Piece", "assembled", "fog_tiling", "lobe_fields", "merged_fields", "pieces", "scattered_fields",
+    "v_buffer", "voxel_fields",
 ]
 
 # Froxels of a slab, about: few enough that the V-Buffer is small, enough that no time goes into beginnings.
 SLAB = 1 << 17
+
+FILTERED = tuple(f"material/{name}" for name in (
+    "scattering", "extinction", "emission", "phase_anisotropy", "lobe_scattering", "lobe_anisotropy"))
+"""The V-Buffer as filtered over frames (`froxel_ref.material_stage`)."""
 
 
 class Piece(NamedTuple):
@@ -40,18 +46,23 @@ class Piece(NamedTuple):
         Their samples.
     place : (slice, slice, slice)
         Where they stand in the fields: of a checkerboard, in those of half the slices (`froxel_ref.checkerboard`).
+    box : (slice, slice, slice)
+        Where they lie in the whole grid.
     """
 
     froxels: Froxels
     place: Index
+    box: Index
 
 
-def pieces(job: Job) -> list[Piece]:
+def pieces(job: Job, froxels: Froxels | None = None) -> list[Piece]:
     """What a frame's froxels are worked on in.
 
     Parameters
     ----------
     job : Job
+    froxels : Froxels, optional
+        The whole grid; with this frame's samples unless given.
 
     Returns
     -------
@@ -65,12 +76,12 @@ def pieces(job: Job) -> list[Piece]:
     >>> [len(pieces(Job(Scene(), Settings(checkerboard=half), None))) for half in (False, True)]
     [1, 4]
     """
-    how = job.settings
+    how, whole = job.settings, job.froxels if froxels is None else froxels
     if not how.checkerboard:
-        found = [Piece(job.froxels, (slice(None),) * 3)]
+        found = [Piece(whole, (slice(None),) * 3, (slice(None),) * 3)]
     else:
         boxes = lattices(how.grid.shape, job.frame, parity=how.checkerboard_parity)
-        found = [Piece(lattice_froxels(job.froxels, box), (slice(None), *box[1:])) for box in boxes]
+        found = [Piece(lattice_froxels(whole, box), (slice(None), *box[1:]), box) for box in boxes]
     return [slab for piece in found for slab in _slabs(piece)] if how.merged else found
 
 
@@ -78,13 +89,28 @@ def _slabs(piece: Piece) -> list[Piece]:
     depths = piece.froxels.depths
     rows, columns = piece.froxels.rays.length.shape
     deep = max(1, SLAB // (rows * columns))
-    return [Piece(piece.froxels._replace(depths=depths[k:k + deep]),
-                  (slice(k, min(k + deep, len(depths))), *piece.place[1:])) for k in range(0, len(depths), deep)]
+    first, step = piece.box[0].start or 0, piece.box[0].step or 1
+    ends = [(k, min(k + deep, len(depths))) for k in range(0, len(depths), deep)]
+    return [Piece(piece.froxels._replace(depths=depths[k:end]), (slice(k, end), *piece.place[1:]),
+                  (slice(first + step * k, first + step * (end - 1) + 1, step), *piece.box[1:])) for k, end in ends]
 
 
-def _assembled(job: Job, parts: Sequence[Piece], make: Callable[[Piece, int | None], dict[str, Field]]
-               ) -> dict[str, Field]:
-    """The fields of all pieces; several pieces each on a thread of its own."""
+def assembled(job: Job, parts: Sequence[Piece], make: Callable[[Piece, int | None], dict[str, Field]]
+              ) -> dict[str, Field]:
+    """Make the fields of all pieces, several pieces each on a thread of its own.
+
+    Parameters
+    ----------
+    job : Job
+    parts : sequence of Piece
+    make : callable
+        Given a piece and a number of threads, its fields by result name.
+
+    Returns
+    -------
+    dict of str to Field
+        As stored: of a checkerboard with half the slices.
+    """
     if len(parts) == 1 and parts[0].place == (slice(None),) * 3:
         return make(parts[0], job.threads)
     made: list[dict[str, Field]] = [{}] * len(parts)
@@ -124,8 +150,8 @@ def _column(part: Piece) -> tuple[object, ...]:
 
 def _index(part: Piece, extent: tuple[int, ...]) -> Any:
     """Where a piece stands in a field, all of it along axes of length 1."""
-    begin = part.place[0].start or 0
-    z = slice(begin, begin + len(part.froxels.depths))
+    begin, step = part.place[0].start or 0, part.place[0].step or 1
+    z = slice(begin, begin + step * (len(part.froxels.depths) - 1) + 1, step)
     return (..., *(s if n > 1 else slice(None) for s, n in zip((z, *part.place[1:]), extent, strict=True)))
 
 
@@ -224,15 +250,16 @@ def _voxelised(job: Job, results: Results, part: Piece, threads: int | None) -> 
 
 
 def _scattered(job: Job, results: Results, visibility: Visibility, fields: Mapping[str, Field], part: Piece,
-               threads: int | None) -> dict[str, Field]:
+               threads: int | None, *, known: Mapping[int, Field] = MappingProxyType({}),
+               span: tuple[float, float] | None = None) -> dict[str, Field]:
     settings, scene = job.settings, job.scene
     light = partial(
         lighting.in_scattering, v_buffer(fields), scene.all_lights, part.froxels, ambient=scene.ambient,
         second_lobe=settings.second_lobe, emission=settings.emission, attenuation=settings.attenuation,
-        ambient_term=settings.ambient, visibility=visibility,
+        ambient_term=settings.ambient, visibility=visibility, known_visibility=known,
         exposure=job.exposure, threads=threads,
         candidates=_candidates(job, results, "light", part.froxels), restrict=not job.full,
-        anisotropy_span=media.anisotropy_span((*scene.global_media, *scene.local_media), settings))
+        anisotropy_span=span or media.anisotropy_span((*scene.global_media, *scene.local_media), settings))
     made = {"lighting/in_scattering": light(phase_function=settings.phase_function)}
     if settings.temporal.filter == "unphased":
         made["lighting/unphased"] = light(phase_function="isotropic")
@@ -255,7 +282,7 @@ def voxel_fields(job: Job, results: Results) -> dict[str, Field]:
     dict of str to Field
         ``media/…``; of a checkerboard with half the slices.
     """
-    return _assembled(job, pieces(job), lambda part, threads: _voxelised(job, results, part, threads))
+    return assembled(job, pieces(job), lambda part, threads: _voxelised(job, results, part, threads))
 
 
 def scattered_fields(job: Job, results: Results) -> dict[str, Field]:
@@ -265,7 +292,7 @@ def scattered_fields(job: Job, results: Results) -> dict[str, Field]:
     ----------
     job : Job
     results : mapping of str to Field
-        With ``media/…``, lists of lights, maps.
+        With ``media/…``, ``material/…``, lists of lights, maps.
 
     Returns
     -------
@@ -273,9 +300,28 @@ def scattered_fields(job: Job, results: Results) -> dict[str, Field]:
         ``lighting/…``; of a checkerboard with half the slices.
     """
     visibility = light_visibility(job, results)
+    if results["material/extinction"].size:
+        return _relit_fields(job, results, visibility)
     buffer = {name: field for name, field in results.items() if name.startswith("media/")}
-    return _assembled(job, pieces(job), lambda part, threads: _scattered(
+    return assembled(job, pieces(job), lambda part, threads: _scattered(
         job, results, visibility, _cut(buffer, part), part, threads))
+
+
+def _relit_fields(job: Job, results: Results, visibility: Visibility) -> dict[str, Field]:
+    """In-scattering at the froxels' middles, from the filtered V-Buffer and a sun's filtered visibility."""
+    buffer = {f"media/{name.removeprefix('material/')}": field for name, field in results.items()
+              if name in FILTERED}
+    sun = {int(number): results["material/sun_visibility"] for number in results["material/sun_light"]}
+    g = buffer["media/phase_anisotropy"]
+
+    def make(part: Piece, threads: int | None) -> dict[str, Field]:
+        whole = part._replace(place=part.box)  # these have no holes
+        known = {number: _cut({"material/sun_visibility": field}, whole)["material/sun_visibility"]
+                 for number, field in sun.items()}
+        return _scattered(job, results, visibility, _cut(buffer, whole), part, threads, known=known,
+                          span=(float(g.min()), float(g.max())))
+
+    return assembled(job, pieces(job, job.centres), make)
 
 
 def merged_fields(job: Job, results: Results) -> dict[str, Field]:
@@ -301,4 +347,4 @@ def merged_fields(job: Job, results: Results) -> dict[str, Field]:
         return {"media/extinction": fields["media/extinction"],
                 **_scattered(job, results, visibility, fields, part, threads)}
 
-    return _assembled(job, pieces(job), make)
+    return assembled(job, pieces(job), make)

@@ -25,6 +25,7 @@ from froxel_ref.scene import (
     Scene,
     Sphere,
     Transform,
+    TransparentSurface,
     VolumeDensity,
 )
 from froxel_ref.settings import replace
@@ -49,8 +50,8 @@ def forced(job: Job) -> Job:
     Job
         Media without height fog get a falloff of 0, media without a texture one of ones. The scene gets an
         empty local medium and an empty unbounded one if it has none, a black sun, a black lamp, a sphere behind
-        the camera if it has no surface, and a particle of opacity 0 if it has none. Each is an exact 0 or 1 in
-        the arithmetic, so the frame must come out the same bit for bit.
+        the camera if it has no surface, a transparent one there if it has none such, and a particle of opacity 0
+        if it has none. Each is an exact 0 or 1 in the arithmetic, so the frame must come out the same bit for bit.
 
     Notes
     -----
@@ -69,8 +70,10 @@ def forced(job: Job) -> Job:
               PointLight(position=scene.camera.target, intensity=BLACK, casts_shadows=False))
     surfaces = scene.surfaces if scene.surfaces or scene.image_buffers else (_behind(scene),)
     particles = scene.particles or (Particle(position=scene.camera.target, opacity=0.0),)
+    glass = scene.transparent_surfaces or (TransparentSurface(surface=_behind(scene)),)
     scene = dataclasses.replace(
         scene, particles=particles, lights=lights, extra_lights=ExtraLights(), surfaces=surfaces,
+        transparent_surfaces=glass,
         local_media=tuple(map(_with_all_parts, local)), global_media=tuple(map(_with_all_parts, everywhere)))
     textures = dict(job.assets.textures) | {_ONES: np.ones((2, 2, 2))}
     return dataclasses.replace(job, scene=scene, settings=settings,

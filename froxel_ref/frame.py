@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from froxel_ref import material_stage, temporal_stage
 from froxel_ref.arrays import Field
 from froxel_ref.assets import Assets, load_assets
 from froxel_ref.culling import list_shapes
@@ -28,7 +29,6 @@ from froxel_ref.scene import Folds, HeightField, PointLight, Scene
 from froxel_ref.settings import Settings
 from froxel_ref.shadow_stage import map_bytes
 from froxel_ref.stages import STAGES
-from froxel_ref.temporal_stage import HISTORY, needs_filter
 
 __all__ = [
     "FINAL", "QUANTITIES", "Frame", "Plan", "Planned", "Quantity", "estimate_bytes", "plan", "run_frame",
@@ -138,7 +138,7 @@ def estimate_bytes(scene: Scene, settings: Settings) -> int:
         if name.startswith(("shadow/", "fom/", "culling/")) or _idle(name, settings):
             continue
         rows, columns = raster_size(quantity, scene.camera, settings.grid)
-        size = {"c": 3, "l": lobes, "z": settings.grid.depth, "y": rows, "x": columns}
+        size = {"c": 3, "l": lobes, "m": 1, "z": settings.grid.depth, "y": rows, "x": columns}
         tinted = name.endswith(("extinction", "transmittance")) and not name.startswith("particles/")
         total += math.prod(size[axis] for axis in quantity.axes) * (tints if tinted else 1)
     return (total * np.dtype(settings.precision).itemsize + map_bytes(scene, settings)
@@ -151,7 +151,9 @@ def _idle(name: str, settings: Settings) -> bool:
         return not (settings.long_range.march if name.startswith("long_range/") else settings.taa.on)
     if name.endswith("/unphased"):
         return settings.temporal.filter != "unphased"
-    return name.startswith("temporal/") and not needs_filter(settings)[0]
+    if name.startswith("material/"):
+        return settings.temporal.filter != "media"
+    return name.startswith("temporal/") and not temporal_stage.needs_filter(settings)[0]
 
 
 def _bounded(scene: Scene) -> tuple[int, int]:
@@ -179,8 +181,9 @@ def working_bytes(scene: Scene, settings: Settings) -> int:
     -------
     int
         Bytes of what grows with the scene: each lobe of a mixture before it is stacked, each lamp's
-        distances per ray, each height field's triangles, particles' crossings with the rays of opacity maps, the
-        lists of lights twice more; and a quarter of the results for all else.
+        distances per ray, each height field's triangles, particles' crossings with the rays of opacity maps, each
+        transparent surface's layer with the particles behind it, the lists of lights twice more; and a quarter of the
+        results for all else.
 
     Examples
     --------
@@ -189,13 +192,15 @@ def working_bytes(scene: Scene, settings: Settings) -> int:
     """
     grid, item = settings.grid, np.dtype(settings.precision).itemsize
     lobes = _lobes(scene, settings)
-    folds = [surface.heights.size for surface in scene.surfaces
+    folds = [surface.heights.size for surface in scene.all_surfaces
              if isinstance(surface, HeightField) and isinstance(surface.heights, Folds)]
     lamps, _ = _bounded(scene)
+    panes = sum(each.visible for each in scene.transparent_surfaces)
     # A lamp keeps two numbers per ray (a spot light four) and some 32 bytes per slice; a fold's 1:4 grid of
     # heights has two triangles a cell, of some 128 bytes each while they are hit.
     return (3 * lobes * grid.width * grid.height * grid.depth * item
             + lamps * (4 * grid.width * grid.height * item + 32 * grid.depth)
+            + 9 * panes * scene.camera.width * scene.camera.height * item
             + sum(64 * size * size for size in folds) + crossing_bytes(scene, settings)
             + 2 * _list_bytes(scene, settings) + estimate_bytes(scene, settings) // 4)
 
@@ -372,7 +377,8 @@ def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets 
         timings[stage.name] = time.perf_counter() - begin
         kept |= {group: (key, {name: made[name] for name in group}) for group, key in keys.items()}
         reused += known
-        held |= {name: made[name] for name in (*HISTORY, AVERAGED) if name in made}
+        held |= {name: made[name] for name in (*material_stage.HISTORY, *temporal_stage.HISTORY, AVERAGED)
+                 if name in made}
         results |= made
         still_read = {name for later in running[index + 1:] for name in later.reads} | set(the_plan.outputs)
         results = {name: field for name, field in results.items() if name in still_read}
@@ -382,10 +388,7 @@ def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets 
 
 def _history(job: Job, held: Mapping[str, Field]) -> History | None:
     """What temporal filters hand to the next frame; nothing where none ran."""
-    if not held:
-        return None
-    held = {name: array for name, array in held.items() if array.size}
-    if not held:
+    if not any(array.size for array in held.values()):
         return None
     for array in held.values():
         array.flags.writeable = False

@@ -65,6 +65,7 @@ class Job(NamedTuple):
     emission: str
     exposure: float
     visibility: Visibility
+    known: Mapping[int, Field] = NOTHING
 
 
 def in_scattering(
@@ -72,6 +73,7 @@ def in_scattering(
     phase_function: str = "henyey_greenstein", second_lobe: SecondLobe | None = None,
     emission: str = "per_metre", attenuation: str = "min_distance", ambient_term: str = "scene",
     exposure: float = 1.0, visibility: Visibility | None = None, candidates: Candidates | None = None,
+    known_visibility: Mapping[int, Field] | None = None,
     anisotropy_span: tuple[float, float] | None = None,
     threads: int | None = None, block_size: int | None = None, restrict: bool = True,
 ) -> Field:
@@ -104,6 +106,8 @@ def in_scattering(
     candidates : callable, optional
         Given a block's slices and rows, the indices of the point and spot lights that it has to visit, growing
         (`froxel_ref.culling.candidates`); all of them unless given.
+    known_visibility : mapping of int to Field, broadcastable to (D, H, W), optional
+        For directional lights, instead of ``visibility``: the share that arrives at the samples.
     anisotropy_span : (float, float), optional
         Least and greatest phase anisotropy of all pieces that a grid is worked on in, so that each chooses the same
         formula; that of this V-Buffer unless given.
@@ -164,7 +168,7 @@ def in_scattering(
         froxels=froxels, vbuffer=vbuffer, lobes=lobes, suns=suns, ambient=channels(sky, dtype), emission=emission,
         lamps=relate_lamps(local, lobes, froxels, attenuation=attenuation, restrict=restrict, visibility=hidden,
                            candidates=candidates),
-        exposure=exposure, visibility=hidden)
+        exposure=exposure, visibility=hidden, known=known_visibility or NOTHING)
     skies = [None if _along_z(job, lobe) else _sky(job, lobe, lobe.g) for lobe in lobes]
     shape = _shape(job, skies)
     result = np.empty((3, *shape), dtype)
@@ -199,7 +203,7 @@ def _along_z(job: Job, lobe: Lobe) -> bool:
 
 def _shadowed(job: Job) -> bool:
     """Whether something may hide a sun."""
-    return any(sun.number in job.visibility for sun in job.suns)
+    return any(sun.number in job.visibility or sun.number in job.known for sun in job.suns)
 
 
 def _sky(job: Job, lobe: Lobe, g: Field, y: slice = slice(None), seen: Mapping[int, Field] = NOTHING) -> Field:
@@ -259,5 +263,7 @@ def _block_sky(job: Job, lobe: Lobe, z: slice, y: slice) -> Field:
     seen: dict[int, Field] = {}
     if _shadowed(job):
         points = froxel_points(job.froxels, z, y)
-        seen = {sun.number: job.visibility[sun.number](points) for sun in job.suns if sun.number in job.visibility}
+        seen = {sun.number: job.visibility[sun.number](points) for sun in job.suns
+                if sun.number in job.visibility and sun.number not in job.known}
+        seen |= {number: part(field, z, y) for number, field in job.known.items()}
     return _sky(job, lobe, part(lobe.g, z, y), y, seen)

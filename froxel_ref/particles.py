@@ -19,7 +19,7 @@ from froxel_ref.phase import henyey_greenstein, versine
 from froxel_ref.records import InputError, shown
 from froxel_ref.scene import Camera, Light, PointLight, Rgb
 
-__all__ = ["LIT_AT", "LightOn", "ParticleLayer", "draw_order", "render_particles", "scattered_light"]
+__all__ = ["LIT_AT", "LightOn", "ParticleLayer", "draw_order", "particle_layers", "render_particles", "scattered_light"]
 
 Integers: TypeAlias = NDArray[np.intp]
 
@@ -151,13 +151,59 @@ def render_particles(particles: Particles, camera: Camera, rays: Rays, depth_ima
     >>> float(layer.transmittance[1, 1])
     0.75
     """
+    return particle_layers(particles, camera, rays, depth_image, (), light_on, fog_at, lit_at=lit_at, size=size)[0]
+
+
+def particle_layers(particles: Particles, camera: Camera, rays: Rays, depth_image: Field, panes: Sequence[Field],
+                    light_on: LightOn, fog_at: FogAt, *, lit_at: str = "pixel", size: str = "edge"
+                    ) -> list[ParticleLayer]:
+    """Draw the particles in layers, for what lies between them.
+
+    Parameters
+    ----------
+    particles, camera, rays, depth_image, light_on, fog_at, lit_at, size
+        As for `render_particles`.
+    panes : sequence of ndarray, shape (h, w) [m]
+        View depths of k transparent surfaces at each pixel, ∞ where there are none.
+
+    Returns
+    -------
+    list of ParticleLayer
+        k + 1 of them. In layer i each pixel has the points of particles that i of the panes lie before, or as near
+        as: first what lies before all of them.
+
+    Raises
+    ------
+    InputError
+        Unknown word.
+
+    Notes
+    -----
+    A pane cuts a particle as a surface does, pixel by pixel. Each point is lit and fogged once, in whichever layer.
+
+    Examples
+    --------
+    >>> from froxel_ref.assets import load_assets
+    >>> from froxel_ref.billboards import placed_particles
+    >>> from froxel_ref.geometry import camera_rays
+    >>> from froxel_ref.scene import Particle, Scene
+    >>> pair = tuple(Particle(position=(0, 1.7, z), opacity=0.25) for z in (-1, -3))
+    >>> scene = Scene(particles=pair)
+    >>> layers = particle_layers(
+    ...     placed_particles(scene, load_assets(scene, None)), scene.camera, camera_rays(scene.camera, 1, 1),
+    ...     np.full((1, 1), np.inf), [np.full((1, 1), 2.0)], lambda points, index: np.full((3, len(index)), 8.0),
+    ...     lambda rows, columns, depth: (np.zeros((3, 1)), np.ones(1)))
+    >>> [layer.transmittance.tolist() for layer in layers]
+    [[[0.75]], [[0.75]]]
+    """
     if lit_at not in LIT_AT:
         raise InputError("lit_at", f"is {shown(lit_at)}, must be one of {', '.join(LIT_AT)}")
     dtype, shape = rays.length.dtype, rays.length.shape
+    pixels, count = shape[0] * shape[1], len(panes) + 1
     squares, order = facing(particles, rays.origin, size=size), draw_order(particles, camera)
     before = _view_depth(particles, camera) + reaches(particles, size=size) > 0.0
     visible = order[(before & (squares.distance > 0.0) & (particles.opacity > 0.0))[order]]
-    radiance, through = np.zeros((3, shape[0] * shape[1]), dtype), np.ones(shape[0] * shape[1], dtype)
+    radiance, through = np.zeros((3, count * pixels), dtype), np.ones(count * pixels, dtype)
     central, drawn = None, False
     if lit_at == "centre" and len(visible):
         x, y, z = particles.position.astype(dtype)
@@ -165,11 +211,15 @@ def render_particles(particles: Particles, camera: Camera, rays: Rays, depth_ima
     for some in _batches(particles, squares, visible, rays, depth_image):
         light = light_on(_points(rays, some), some.particle) if central is None else central[:, some.particle]
         glow, passed = fog_at(some.row, some.column, some.depth)
-        _lay(radiance, through, some, some.opacity * (light * passed + glow), shape[1])
+        place = some.row * shape[1] + some.column
+        for pane in panes:
+            place += pixels * (pane[some.row, some.column] <= some.depth)
+        _lay(radiance, through, some, place, some.opacity * (light * passed + glow))
         drawn = True
     if not drawn:
-        return ParticleLayer(np.zeros((3, 1, 1), dtype), np.ones((1, 1), dtype))
-    return ParticleLayer(radiance.reshape(3, *shape), through.reshape(shape))
+        return [ParticleLayer(np.zeros((3, 1, 1), dtype), np.ones((1, 1), dtype))] * count
+    return [ParticleLayer(radiance.reshape(3, count, *shape)[:, i], through.reshape(count, *shape)[i])
+            for i in range(count)]
 
 
 def _batches(particles: Particles, squares: Facing, order: Integers, rays: Rays, depth_image: Field
@@ -231,14 +281,14 @@ def _points(rays: Rays, some: _Fragments) -> Points:
     return ray_points(Rays(rays.origin, (x, y, z), rays.length), some.depth)
 
 
-def _lay(radiance: Field, through: Field, some: _Fragments, added: Field, width: int) -> None:
-    """Lay particles over what is there; pixels of one particle differ, so each is laid in one go."""
-    pixel, keep = some.row * width + some.column, 1.0 - some.opacity
+def _lay(radiance: Field, through: Field, some: _Fragments, place: Integers, added: Field) -> None:
+    """Lay particles over what is there; places of one particle differ, so each is laid in one go."""
+    keep = 1.0 - some.opacity
     ends = np.flatnonzero(np.diff(some.particle, append=-1)) + 1
     start = 0
     for stop in ends.tolist():
         part = slice(start, stop)
-        at = pixel[part]
+        at = place[part]
         for plane, light in zip(radiance, added, strict=True):
             plane[at] = plane[at] * keep[part] + light[part]
         through[at] *= keep[part]

@@ -80,6 +80,16 @@ QUANTITIES: dict[str, Quantity] = {
     "media/phase_anisotropy": Quantity("zyx", "1", "phase anisotropy g at the froxel's sample"),
     "media/lobe_scattering": Quantity("lczyx", "1/m", "scattering coefficient of each lobe of a mixture"),
     "media/lobe_anisotropy": Quantity("l", "1", "phase anisotropy g of each lobe of a mixture"),
+    "material/scattering": Quantity("czyx", "1/m", "scattering coefficient filtered over frames; temporal.filter media "
+                                                   "only, as all of this stage"),
+    "material/extinction": Quantity("zyx", "1/m", "extinction coefficient filtered over frames, holes filled"),
+    "material/emission": Quantity("czyx", PER_METRE, "emission filtered over frames"),
+    "material/phase_anisotropy": Quantity("zyx", "1", "phase anisotropy g, the mean over frames by what scattered"),
+    "material/lobe_scattering": Quantity("lczyx", "1/m", "scattering coefficient of each lobe, filtered over frames"),
+    "material/lobe_anisotropy": Quantity("l", "1", "phase anisotropy g of each lobe"),
+    "material/sun_light": Quantity("m", "1", "index of the directional light whose visibility is filtered"),
+    "material/sun_visibility": Quantity("zyx", "1", "share of that light that arrives, filtered over frames"),
+    "material/valid": Quantity("zyx", "1", "1 where the froxel was in view a frame ago, 0 where history begins"),
     "lighting/in_scattering": Quantity("czyx", PER_METRE, "radiance scattered towards the camera per metre"),
     "lighting/unphased": Quantity("czyx", PER_METRE, "the same with an isotropic phase function; temporal.filter "
                                                       "unphased only"),
@@ -96,8 +106,9 @@ QUANTITIES: dict[str, Quantity] = {
     "long_range/radiance": Quantity("cyx", RADIANCE, "light from behind the froxels, as it arrives at their far end",
                                     "half"),
     "long_range/transmittance": Quantity("yx", "1", "transmittance from the froxels' far end to the surface", "half"),
-    "particles/radiance": Quantity("cyx", RADIANCE, "the particles' light, fogged at their own depth, times opacity"),
-    "particles/transmittance": Quantity("yx", "1", "share of what lies behind the particles that passes"),
+    "particles/radiance": Quantity("cyx", RADIANCE, "light of particles and transparent surfaces, fogged at their own "
+                                                    "depth, times opacity"),
+    "particles/transmittance": Quantity("yx", "1", "share of what lies behind these that passes"),
     "apply/fog_radiance": Quantity("cyx", RADIANCE, "fog's radiance in front of each pixel's surface, long range too"),
     "apply/fog_transmittance": Quantity("yx", "1", "transmittance in front of each pixel's surface"),
     FINAL: Quantity("cyx", RADIANCE, "the final image: surface times transmittance, plus fog, under particles"),

@@ -42,6 +42,7 @@ from froxel_ref.scene_surfaces import (
     Plane,
     Sphere,
     Surface,
+    TransparentSurface,
 )
 
 __all__ = [
@@ -49,7 +50,7 @@ __all__ = [
     "Billboard", "Box", "Camera", "DensityTexture", "DirectionalLight", "ExtraLights", "Folds", "HeightField",
     "HeightFog", "HeightsFile", "ImageBuffers", "Key", "Light", "LocalMedium", "Medium", "Mesh", "NoiseDensity",
     "Particle", "ParticleCloud", "Plane", "PointLight", "Rgb", "Scene", "Sphere", "SpotLight", "Surface", "Track",
-    "Transform", "Vec3", "VolumeDensity",
+    "Transform", "TransparentSurface", "Vec3", "VolumeDensity",
 ]
 
 
@@ -70,6 +71,8 @@ class Scene(Record):
     image_buffers: ImageBuffers | None = nested(
         ImageBuffers, default=None, optional=True, about="depth and colour instead of surfaces")
     particles: tuple[Particle | ParticleCloud, ...] = many(Particle, ParticleCloud, about="billboards")
+    transparent_surfaces: tuple[TransparentSurface, ...] = many(
+        TransparentSurface, about="surfaces that are seen through, before the opaque ones or the image buffers")
     ambient: Rgb = vector(
         BLACK, "radiance that arrives from every direction", unit="W m^-2 sr^-1", **LIGHT)
     background: Rgb = vector(BLACK, "radiance where a ray hits nothing", unit="W m^-2 sr^-1", **LIGHT)
@@ -85,6 +88,11 @@ class Scene(Record):
     def all_lights(self) -> tuple[Light, ...]:
         """The lights, then the extra ones."""
         return self.lights + self.extra_lights.lights()
+
+    @property
+    def all_surfaces(self) -> tuple[Surface, ...]:
+        """The opaque surfaces, then the transparent ones."""
+        return self.surfaces + tuple(each.surface for each in self.transparent_surfaces)
 
     @property
     def all_particles(self) -> tuple[Particle, ...]:

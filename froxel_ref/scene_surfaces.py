@@ -1,4 +1,4 @@
-"""Opaque surfaces, and images that stand for them, as validated records."""
+"""Surfaces, opaque and transparent, and images that stand for them, as validated records."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from froxel_ref.kinds import flag, integer, nested, number, text, vector
 from froxel_ref.records import Record
 from froxel_ref.scene_space import BLACK, PLACE, RATE, SIZE, Rgb, Transform, Vec3, must_point
 
-__all__ = ["Box", "Folds", "HeightField", "HeightsFile", "ImageBuffers", "Mesh", "Plane", "Sphere", "Surface"]
+__all__ = [
+    "Box", "Folds", "HeightField", "HeightsFile", "ImageBuffers", "Mesh", "Plane", "Sphere", "Surface",
+    "TransparentSurface",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +95,19 @@ class Mesh(Record):
 
 
 Surface = Plane | Box | Sphere | HeightField | Mesh
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransparentSurface(Record):
+    """A surface that lets light of what lies behind it through, fogged at its own depth; it hides no light."""
+
+    surface: Surface = nested(Plane, Box, Sphere, HeightField, Mesh, about="its shape and albedo")
+    opacity: float = number(0.3, "share of what lies behind it that it hides", at_least=0.0, at_most=1.0)
+
+    @property
+    def visible(self) -> bool:
+        """Whether it shows in the image."""
+        return self.opacity > 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

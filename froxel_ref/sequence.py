@@ -166,7 +166,7 @@ def _frames(scene: Scene, camera_path: CameraPath | None, numbers: range, settin
 
 def _moved(assets: Assets, scene: Scene, now: Scene) -> Assets:
     """Meshes by their records of this moment."""
-    pairs = zip(scene.surfaces, now.surfaces, strict=True)
+    pairs = zip(scene.all_surfaces, now.all_surfaces, strict=True)
     meshes = {after: assets.meshes[before] for before, after in pairs if isinstance(before, Mesh)
               and isinstance(after, Mesh)}
     return assets._replace(meshes=meshes) if meshes else assets

@@ -278,9 +278,10 @@ class Temporal(Record):
     """The filter of froxels over frames: jittered samples, an exponential moving average [Dörries 2020, §3.2.3]."""
 
     filter: str = choice(
-        "off", "scattering", "unphased", default="off",
-        about="what the history holds: nothing; in-scattering and extinction as published; or the same without the "
-              "phase function, which each frame multiplies by anew [Lagarde 2018]")
+        "off", "scattering", "unphased", "media", default="off",
+        about="what the history holds: nothing; in-scattering and extinction as published; the same without the "
+              "phase function, which each frame multiplies by anew [Lagarde 2018]; or the V-Buffer and a sun's "
+              "visibility, of which each frame's light is made anew [Bauer 2019]")
     alpha: float = number(0.05, "weight of the current frame; 0.2 with temporal anti-aliasing", above=0.0, at_most=1.0)
     start: str = choice("first", "mean", default="first",
                         about="the first frames: eq. 3.2, the first one whole; or their mean while that weighs more")
@@ -386,6 +387,9 @@ class Settings(Record):
         if self.long_range.march and self.long_range.farthest < self.grid.far:
             raise InputError("long_range.farthest", f"is {self.long_range.farthest:g} m, must be at least grid.far "
                                                     f"({self.grid.far:g} m)")
+        if self.merged and self.temporal.filter == "media":
+            raise InputError("merged", "is on with the temporal filter 'media', must be off: there is no V-Buffer to "
+                                       "filter")
 
     def __getattr__(self, name: str) -> str:
         """The value of a switch, by its own name: the single switch if set, else what the fidelity says."""

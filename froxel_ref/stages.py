@@ -19,15 +19,15 @@ from froxel_ref import (
     grid,
     integrate,
     long_range_stage,
+    material_stage,
     media,
-    particles,
     shadow_stage,
     surface,
     taa_stage,
     temporal_stage,
+    transparency_stage,
 )
 from froxel_ref.arrays import Field, FogAt
-from froxel_ref.billboards import placed_particles
 from froxel_ref.buffers import Integrated
 from froxel_ref.jobs import Job, Need, Part, Results, Stage
 from froxel_ref.light_visibility import light_visibility
@@ -208,6 +208,15 @@ def _run_fom(job: Job, results: Results) -> dict[str, Field]:
                                   known=results)
 
 
+# --- material ---------------------------------------------------------------------------------------
+
+
+def _needs_material(scene: Scene, settings: Settings) -> Need:
+    if settings.temporal.filter != "media":
+        return False, "no temporal filter of media"
+    return _has_media(scene, settings)
+
+
 # --- lighting ---------------------------------------------------------------------------------------
 
 
@@ -306,41 +315,22 @@ def _run_integrate(job: Job, results: Results) -> dict[str, Field]:
 # --- particles --------------------------------------------------------------------------------------
 
 
-def _needs_particles(scene: Scene, settings: Settings) -> Need:
-    seen = sum(each.visible for each in scene.all_particles)
-    return _some(seen, _count(seen, "particle"), "the scene has no particles")
-
-
 def _particle_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     return (Part("fog in front of them", *_needs_integrate(scene, settings)),
             Part("lights", *_some(scene.all_lights, _count(len(scene.all_lights), "light"), "the scene has none")))
 
 
 def _run_particles(job: Job, results: Results) -> dict[str, Field]:
-    scene, how = job.scene, job.settings
-    ready = placed_particles(scene, job.assets, dtype=job.dtype)
-    light_on = particles.scattered_light(
-        ready, scene.all_lights, scene.camera.position, ambient=scene.ambient,
-        visibility=light_visibility(job, results), attenuation=how.attenuation, size=fom_plan.particle_size(how),
-        restrict=not job.full)
-    exposure = job.dtype.type(job.exposure)  # the fog's has it
-    shape = scene.camera.height, scene.camera.width
-    radiance, passed = particles.render_particles(
-        ready, scene.camera, job.image_rays, np.broadcast_to(results["surface/depth"], shape),
-        lambda points, index: light_on(points, index) * exposure, _fog_at(job, results, shape),
-        lit_at=how.particles_lit_at, size=fom_plan.particle_size(how))
-    if job.full:
-        radiance, passed = np.broadcast_to(radiance, (3, *shape)).copy(), np.broadcast_to(passed, shape).copy()
-    return {"particles/radiance": radiance, "particles/transmittance": passed}
+    return transparency_stage.drawn_layers(job, results, _fog_at(job, results))
 
 
-def _fog_at(job: Job, results: Results, shape: tuple[int, int]) -> FogAt:
+def _fog_at(job: Job, results: Results) -> FogAt:
     """The fog in front of points that pixels show; none where the scene has none."""
     how = job.settings
     if not (_needs_integrate(job.scene, how)[0] or job.full):
         return lambda rows, columns, depth: (_constant(job, "cx", BLACK), _constant(job, "x", 1.0))
     integrated = Integrated(*(results[name] for name in _INTEGRATED))
-    return apply.fog_lookup(integrated, how.grid, shape, **_lookup_options(job))
+    return apply.fog_lookup(integrated, how.grid, job.image_shape, **_lookup_options(job))
 
 
 def _lookup_options(job: Job) -> dict[str, Any]:
@@ -368,12 +358,12 @@ def _apply_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     return (Part("fog lookup", fog, f"at each pixel's depth, {words}" if fog else "the scene has no fog to look up"),
             Part("long range", *long_range_stage.needs_long_range(scene, settings)),
             Part("surface", *_needs_surface(scene, settings)),
-            Part("particles", *_needs_particles(scene, settings)))
+            Part("particles", *transparency_stage.needs_layers(scene, settings)))
 
 
 def _under_particles(job: Job, image: Field, results: Results) -> Field:
-    """The image with the particles laid over it."""
-    if not (_needs_particles(job.scene, job.settings)[0] or job.full):
+    """The image with particles and transparent surfaces laid over it."""
+    if not (transparency_stage.needs_layers(job.scene, job.settings)[0] or job.full):
         return image
     return apply.composite(image, results["particles/radiance"], results["particles/transmittance"])
 
@@ -418,7 +408,6 @@ _LIGHTS, _LOCAL = (tuple(f"culling/{kind}_{name}" for name in culling.Culled._fi
 _SURFACE = ("surface/depth", "surface/normal", "surface/albedo", "surface/radiance")
 _SHADOW = tuple(name for names in shadow_stage.NAMES.values() for name in names)
 _FOM = (*fom_stage.LAMPS, *fom_stage.SUNS)
-_PARTICLES = ("particles/radiance", "particles/transmittance")
 _LIGHT = ("lighting/in_scattering", "lighting/unphased")
 _INTEGRATED = tuple(f"integrate/{name}" for name in Integrated._fields)
 
@@ -445,23 +434,28 @@ STAGES: tuple[Stage, ...] = (
           _needs_culling, _neutral_culling, _run_culling, _culling_parts),
     Stage("media", "the V-Buffer: material of the media at each froxel", _LOCAL, (*_MEDIA, "media/albedo"),
           _needs_media, _neutral_media, fog_stages.voxel_fields, _media_parts),
-    Stage("lighting", "light scattered towards the camera at each froxel", (*_MEDIA, *_SHADOW, *_FOM, *_LIGHTS),
-          _LIGHT, _needs_lighting, _neutral_lighting, fog_stages.scattered_fields, _lighting_parts),
+    Stage("material", "the V-Buffer and a sun's visibility filtered over frames", (*_MEDIA, *_SHADOW, *_FOM),
+          material_stage.FIELDS, _needs_material, material_stage.nothing_filtered, material_stage.filtered_material,
+          material_stage.material_parts),
+    Stage("lighting", "light scattered towards the camera at each froxel",
+          (*_MEDIA, *material_stage.FIELDS[:-1], *_SHADOW, *_FOM, *_LIGHTS), _LIGHT,
+          _needs_lighting, _neutral_lighting, fog_stages.scattered_fields, _lighting_parts),
     Stage("merged", "media and lighting in one, slab by slab", (*_LOCAL, *_SHADOW, *_FOM, *_LIGHTS),
           (*_LIGHT, "media/extinction"), _needs_merged, lambda job: {}, fog_stages.merged_fields, _merged_parts),
-    Stage("temporal", "froxels filtered over frames, holes of the checkerboard filled", (*_LIGHT, "media/extinction"),
-          temporal_stage.FIELDS, _needs_temporal, temporal_stage.nothing_filtered, temporal_stage.filtered_fields,
+    Stage("temporal", "froxels filtered over frames, holes of the checkerboard filled",
+          (*_LIGHT, "media/extinction", "material/extinction"), temporal_stage.FIELDS,
+          _needs_temporal, temporal_stage.nothing_filtered, temporal_stage.filtered_fields,
           temporal_stage.temporal_parts),
     Stage("integrate", "radiance and transmittance from the camera to each slice",
-          ("lighting/in_scattering", "media/extinction", *temporal_stage.FIELDS[:2]), _INTEGRATED, _needs_integrate,
-          _neutral_integrate, _run_integrate),
-    Stage("particles", "billboards, lit and fogged at their own depth, from back to front",
-          (*_SHADOW, *_FOM, "surface/depth", *_INTEGRATED), _PARTICLES, _needs_particles,
-          lambda job: {"particles/radiance": _constant(job, "cyx", BLACK),
-                       "particles/transmittance": _constant(job, "yx", 1.0)}, _run_particles, _particle_parts),
+          ("lighting/in_scattering", "media/extinction", "material/extinction", *temporal_stage.FIELDS[:2]),
+          _INTEGRATED, _needs_integrate, _neutral_integrate, _run_integrate),
+    Stage("particles", "billboards and transparent surfaces, lit and fogged at their own depth, from back to front",
+          (*_SHADOW, *_FOM, "surface/depth", *_INTEGRATED), transparency_stage.FIELDS, transparency_stage.needs_layers,
+          transparency_stage.nothing_drawn, _run_particles, _particle_parts),
     Stage("apply", "surface, under the long range and the fog at each pixel's depth, under particles",
-          (*_SURFACE, *_INTEGRATED, "media/extinction", "lighting/in_scattering", *temporal_stage.FIELDS[:2],
-           *long_range_stage.FIELDS, *_PARTICLES),
+          (*_SURFACE, *_INTEGRATED, "media/extinction", "material/extinction", "lighting/in_scattering",
+           *temporal_stage.FIELDS[:2],
+           *long_range_stage.FIELDS, *transparency_stage.FIELDS),
           ("apply/fog_radiance", "apply/fog_transmittance", FINAL), _always, lambda job: {}, _run_apply,
           _apply_parts),
     Stage("taa", "the image averaged over frames", (FINAL, "surface/depth"), (AVERAGED,), taa_stage.needs_average,

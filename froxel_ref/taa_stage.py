@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from froxel_ref import taa
 from froxel_ref.arrays import Field
 from froxel_ref.image_motion import closest_depth, motion
-from froxel_ref.jobs import Job, Results
+from froxel_ref.jobs import History, Job, Results
 from froxel_ref.quantities import AVERAGED, FINAL
 from froxel_ref.scene import Scene
 from froxel_ref.settings import Settings
@@ -92,6 +92,10 @@ def resolve_options(settings: Settings) -> dict[str, Any]:
             **BOXES[settings.taa_box], **INVERSES[settings.inverse_tone_map]}
 
 
+def _has_image(past: History) -> bool:
+    return AVERAGED in past.fields and past.fields[AVERAGED].size > 0
+
+
 def averaged_image(job: Job, results: Results) -> dict[str, Field]:
     """Average the image with its history.
 
@@ -118,7 +122,7 @@ def averaged_image(job: Job, results: Results) -> dict[str, Field]:
     exposure = job.dtype.type(1.0 if job.settings.exposure == "lighting" else camera.exposure)
     image = np.broadcast_to(results[FINAL], (3, *shape)) * exposure
     options = resolve_options(job.settings)
-    if past is None or AVERAGED not in past.fields or (past.camera.height, past.camera.width) != shape:
+    if past is None or not _has_image(past) or (past.camera.height, past.camera.width) != shape:
         made = taa.resolve(image, None, threads=job.threads, **options)
     else:
         depth = np.broadcast_to(results["surface/depth"], shape)

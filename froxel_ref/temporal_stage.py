@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +13,10 @@ from froxel_ref.jobs import Job, Part, Results
 from froxel_ref.scene import Scene
 from froxel_ref.settings import Settings
 
-__all__ = ["FIELDS", "HISTORY", "filtered_fields", "fog_fields", "needs_filter", "nothing_filtered", "temporal_parts"]
+__all__ = [
+    "FIELDS", "HISTORY", "average_parts", "averages_light", "filled", "filtered_fields", "fog_fields", "held",
+    "holes_part", "needs_filter", "nothing_filtered", "temporal_parts", "weight",
+]
 
 FIELDS = ("temporal/in_scattering", "temporal/extinction", "temporal/unphased", "temporal/valid")
 HISTORY = FIELDS[:3]
@@ -37,8 +42,27 @@ def needs_filter(settings: Settings) -> tuple[bool, str]:
     ((False, 'no temporal filter and no checkerboard'), (True, 'filter: scattering'))
     """
     found = ["checkerboard"] * settings.checkerboard
-    found += [f"filter: {settings.temporal.filter}"] * (settings.temporal.filter != "off")
+    found += [f"filter: {settings.temporal.filter}"] * averages_light(settings)
     return (True, ", ".join(found)) if found else (False, "no temporal filter and no checkerboard")
+
+
+def averages_light(settings: Settings) -> bool:
+    """Whether it is light that is averaged, and not what it falls on (`froxel_ref.material_stage`).
+
+    Parameters
+    ----------
+    settings : Settings
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> averages_light(Settings())
+    False
+    """
+    return settings.temporal.filter in ("scattering", "unphased")
 
 
 def temporal_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
@@ -53,13 +77,44 @@ def temporal_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     -------
     tuple of Part
     """
+    average, *remedies = average_parts(settings, averages_light(settings))
+    return average, holes_part(settings), *remedies
+
+
+def holes_part(settings: Settings) -> Part:
+    """What is said of a checkerboard's holes.
+
+    Parameters
+    ----------
+    settings : Settings
+
+    Returns
+    -------
+    Part
+    """
+    return Part("holes", settings.checkerboard, "of the checkerboard" if settings.checkerboard else "none")
+
+
+def average_parts(settings: Settings, filters: bool) -> tuple[Part, Part, Part]:
+    """What is said of an average over frames.
+
+    Parameters
+    ----------
+    settings : Settings
+    filters : bool
+        Whether it is formed.
+
+    Returns
+    -------
+    tuple of Part
+        The average and its two remedies against ghosts.
+    """
     how = settings.temporal
-    filters = how.filter != "off"
-    rest = how.clamp != "off", how.alpha_most is not None
-    return (Part("average", filters, f"weight {how.alpha:g}" if filters else "no temporal filter"),
-            Part("holes", settings.checkerboard, "of the checkerboard" if settings.checkerboard else "none"),
-            Part("clamp", rest[0], f"to the neighbourhood's {how.clamp}" if rest[0] else "history as it is"),
-            Part("variable weight", rest[1], f"up to {how.alpha_most:g}" if how.alpha_most else "one for all"))
+    clamps, rises = filters and how.clamp != "off", filters and how.alpha_most is not None
+    other = "no temporal filter" if how.filter == "off" else f"the filter is {how.filter}"
+    return (Part("average", filters, f"weight {how.alpha:g}" if filters else other),
+            Part("clamp", clamps, f"to the neighbourhood's {how.clamp}" if clamps else "history as it is"),
+            Part("variable weight", rises, f"up to {how.alpha_most:g}" if rises else "one for all"))
 
 
 def nothing_filtered(job: Job) -> dict[str, Field]:
@@ -91,7 +146,8 @@ def fog_fields(results: Results) -> tuple[Field, Field]:
     """
     if results["temporal/extinction"].size:
         return results["temporal/in_scattering"], results["temporal/extinction"]
-    return results["lighting/in_scattering"], results["media/extinction"]
+    filtered = results["material/extinction"]
+    return results["lighting/in_scattering"], filtered if filtered.size else results["media/extinction"]
 
 
 def filtered_fields(job: Job, results: Results) -> dict[str, Field]:
@@ -101,7 +157,7 @@ def filtered_fields(job: Job, results: Results) -> dict[str, Field]:
     ----------
     job : Job
     results : mapping of str to Field
-        With ``lighting/…`` and ``media/extinction``.
+        With ``lighting/…``, ``media/extinction`` and ``material/extinction``.
 
     Returns
     -------
@@ -113,24 +169,73 @@ def filtered_fields(job: Job, results: Results) -> dict[str, Field]:
     What is kept is in-scattering with extinction beside it, as one RGBA16F texture holds them [Dörries 2020, §3.2.3].
     "unphased" keeps the light that an isotropic medium would scatter, and each frame multiplies by its own ratio of
     the two [Lagarde 2018]: so what the phase function does with a turning camera is never old. A hole of the
-    checkerboard is its history alone, or the mean of its neighbours where it has none [§3.2.9].
+    checkerboard is its history alone, or the mean of its neighbours where it has none [§3.2.9]. Of "media" light has
+    holes and nothing else: extinction comes without, from `froxel_ref.material_stage`.
     """
     how = job.settings
     if not needs_filter(how)[0]:  # forced, but not to what was switched off
         return nothing_filtered(job)
     unphased = how.temporal.filter == "unphased"
-    light, dense = results[f"lighting/{'unphased' if unphased else 'in_scattering'}"], results["media/extinction"]
-    light, dense, valid = _filtered(job, light, dense, HISTORY[2 if unphased else 0])
+    light, name = results[f"lighting/{'unphased' if unphased else 'in_scattering'}"], HISTORY[2 if unphased else 0]
     empty = np.zeros((3, 0, 0, 0), job.dtype)
+    if how.temporal.filter == "media":
+        (light,), valid = _filtered(job, {name: light})
+        return dict(zip(FIELDS, (light, results["material/extinction"], empty, valid), strict=True))
+    (light, dense), valid = _filtered(job, {name: light, HISTORY[1]: results["media/extinction"]})
     if not unphased:
         return dict(zip(FIELDS, (light, dense, empty, valid), strict=True))
-    ratio = _ratio(*(_filled(job, results[f"lighting/{name}"]) for name in ("in_scattering", "unphased")))
+    ratio = _ratio(*(filled(job, results[f"lighting/{name}"]) for name in ("in_scattering", "unphased")))
     return dict(zip(FIELDS, (light * ratio, dense, light, valid), strict=True))
 
 
-def _filled(job: Job, field: Field, history: Field | None = None, valid: NDArray[np.bool_] | None = None,
-            ratio: float = 1.0) -> Field:
-    """A field without holes. One number has none, unless what is outside counts as 0."""
+def _ratio(phased: Field, unphased: Field) -> Field:
+    """What the phase function makes of light; where none arrives it makes nothing of it."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return np.where(unphased > 0.0, phased / unphased, 0.0).astype(phased.dtype)
+
+
+def _filtered(job: Job, fields: Mapping[str, Field]) -> tuple[list[Field], Field]:
+    """Fields, light first, averaged with their history, and where they have one."""
+    history, light = job.history, next(iter(fields))
+    if history is None or light not in history.fields or not history.fields[light].size:
+        return [filled(job, field) for field in fields.values()], np.zeros((1, 1, 1), job.dtype)
+    place = temporal.history_position(job.settings.grid, job.scene.camera, history.camera, previous_grid=history.grid)
+    made = []
+    for name, new in fields.items():
+        old = temporal.reproject(history.fields[name].astype(job.dtype, copy=False), place, threads=job.threads)
+        ratio = job.exposure / history.exposure if name == light else 1.0
+        whole = filled(job, new, old, place.valid, ratio)
+        if averages_light(job.settings):
+            old = held(job, old if ratio == 1.0 else old * job.dtype.type(ratio), whole)
+            whole = temporal.blend(whole, old, place.valid, alpha=weight(job, [whole], [old]))
+        made.append(whole)
+    return made, place.valid.astype(job.dtype)
+
+
+# --- what every average over frames does --------------------------------------------------------------
+
+
+def filled(job: Job, field: Field, history: Field | None = None, valid: NDArray[np.bool_] | None = None,
+           ratio: float = 1.0) -> Field:
+    """Fill the holes of a field as this frame computes it.
+
+    Parameters
+    ----------
+    job : Job
+    field : Field
+        As stored: of a checkerboard half the slices.
+    history : Field, optional
+        As reprojected.
+    valid : ndarray of bool, optional
+        Where there is one; everywhere unless given.
+    ratio : float
+        Of exposures: what the history is multiplied by (A12).
+
+    Returns
+    -------
+    Field
+        Of the whole grid. One number has no holes, unless what is outside counts as 0.
+    """
     how = job.settings
     outside = "zero" if how.checkerboard_fill == "zero" else "absent"
     if not how.checkerboard or (history is None and outside == "absent" and field.shape[-3:] == (1, 1, 1)):
@@ -140,53 +245,59 @@ def _filled(job: Job, field: Field, history: Field | None = None, valid: NDArray
                              parity=how.checkerboard_parity, exposure_ratio=ratio, outside=outside)
 
 
-def _ratio(phased: Field, unphased: Field) -> Field:
-    """What the phase function makes of light; where none arrives it makes nothing of it."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        return np.where(unphased > 0.0, phased / unphased, 0.0).astype(phased.dtype)
+def _known(job: Job) -> NDArray[np.bool_] | None:
+    """The froxels of a checkerboard that this frame computed."""
+    how = job.settings
+    return checkerboard.computed(how.grid.shape, job.frame, parity=how.checkerboard_parity
+                                 ) if how.checkerboard else None
 
 
-def _filtered(job: Job, light: Field, dense: Field, name: str) -> tuple[Field, Field, Field]:
-    """Light and extinction averaged with their history, and where they have one."""
-    history = job.history
-    if history is None or name not in history.fields or not history.fields[name].size:
-        return _filled(job, light), _filled(job, dense), np.zeros((1, 1, 1), job.dtype)
-    grid = job.settings.grid
-    place = temporal.history_position(grid, job.scene.camera, history.camera, previous_grid=history.grid)
-    old = [temporal.reproject(history.fields[n].astype(job.dtype, copy=False), place, threads=job.threads)
-           for n in (name, HISTORY[1])]
-    made = [_averaged(job, new, before, place.valid, ratio)
-            for new, before, ratio in zip((light, dense), old, (job.exposure / history.exposure, 1.0), strict=True)]
-    return made[0], made[1], place.valid.astype(job.dtype)
+def held(job: Job, history: Field, field: Field) -> Field:
+    """Hold a history to what this frame shows around each froxel, if the settings say so.
+
+    Parameters
+    ----------
+    job : Job
+    history : Field
+        As reprojected, and rescaled.
+    field : Field
+        Of this frame, without holes.
+
+    Returns
+    -------
+    Field
+    """
+    how = job.settings.temporal
+    if how.clamp == "off":
+        return history
+    method = {"range": "minmax", "deviation": "variance"}[how.clamp]
+    return ghosting.clamp_history(history, field, method=method, gamma=how.gamma, known=_known(job))
 
 
-def _averaged(job: Job, new: Field, old: Field, valid: NDArray[np.bool_], ratio: float) -> Field:
-    """One field: holes first, then the average. ``ratio`` is of exposures (A12)."""
-    settings, how = job.settings, job.settings.temporal
-    filled = _filled(job, new, old, valid, ratio)
-    if how.filter == "off":
-        return filled
-    known = checkerboard.computed(settings.grid.shape, job.frame, parity=settings.checkerboard_parity
-                                  ) if settings.checkerboard else None
-    if ratio != 1.0:
-        old = old * job.dtype.type(ratio)
-    if how.clamp != "off":
-        method = {"range": "minmax", "deviation": "variance"}[how.clamp]
-        old = ghosting.clamp_history(old, filled, method=method, gamma=how.gamma, known=known)
-    weight = _weight(job, filled, old, known)
-    if known is not None:
-        weight = np.where(known, weight, 1.0)  # what stands in a hole is its history already
-    return temporal.blend(filled, old, valid, alpha=weight)
+def weight(job: Job, fields: Sequence[Field], histories: Sequence[Field]) -> Field:
+    """Weigh this frame, alike for all the fields that one texture holds.
 
+    Parameters
+    ----------
+    job : Job
+        Its history's length counts.
+    fields, histories : sequence of Field
+        Of this frame, without holes, and as `held`.
 
-def _weight(job: Job, light: Field, old: Field, known: NDArray[np.bool_] | None) -> Field:
-    """The weight of this frame."""
-    how, history = job.settings.temporal, job.history
+    Returns
+    -------
+    Field, broadcastable to (z, y, x)
+        1 in holes: what stands there is history already.
+    """
+    how, history, known = job.settings.temporal, job.history, _known(job)
     assert history is not None
     alpha = how.alpha
     if how.start == "mean":
-        values = history.length // 2 if job.settings.checkerboard else history.length
+        values = history.length // 2 if known is not None else history.length
         alpha = float(temporal.start_weight(values + 1, alpha=alpha))
-    if how.alpha_most is None or how.alpha_most <= alpha:
-        return np.full((1, 1, 1), alpha, job.dtype)
-    return ghosting.adaptive_alpha(light, old, least=alpha, most=how.alpha_most, known=known)
+    result: Field = np.full((1, 1, 1), alpha, job.dtype)
+    if how.alpha_most is not None and how.alpha_most > alpha:
+        for field, old in zip(fields, histories, strict=True):
+            result = np.maximum(result, ghosting.adaptive_alpha(field, old, least=alpha, most=how.alpha_most,
+                                                                known=known))
+    return result if known is None else np.where(known, result, job.dtype.type(1.0))

@@ -86,8 +86,8 @@ def check_integrable(scene: Scene, settings: Settings) -> None:
     Raises
     ------
     InputError
-        No medium that dims or glows; or no light, ambient light or emission; or particles, which the truth does
-        not draw.
+        No medium that dims or glows; or no light, ambient light or emission; or particles or transparent
+        surfaces, which the truth does not draw.
 
     Examples
     --------
@@ -96,7 +96,7 @@ def check_integrable(scene: Scene, settings: Settings) -> None:
         ...
     froxel_ref.records.InputError: scene: has no medium with extinction or emission: nothing to integrate
     """
-    _check_no_particles(scene)
+    _check_all_drawn(scene)
     media = contributing((*scene.global_media, *scene.local_media))
     if not media:
         raise InputError("scene", "has no medium with extinction or emission: nothing to integrate")
@@ -105,9 +105,10 @@ def check_integrable(scene: Scene, settings: Settings) -> None:
         raise InputError("scene", "has no light, no ambient light and no emission: nothing to integrate")
 
 
-def _check_no_particles(scene: Scene) -> None:
-    if any(each.visible for each in scene.all_particles):
-        raise InputError("particles", "are not in the truth, must be left out (--set scene.particles=[])")
+def _check_all_drawn(scene: Scene) -> None:
+    for name, items in (("particles", scene.all_particles), ("transparent_surfaces", scene.transparent_surfaces)):
+        if any(each.visible for each in items):
+            raise InputError(name, f"are not in the truth, must be left out (--set scene.{name}=[])")
 
 
 def image_lines(rays: Rays, depth: Field, far: float) -> tuple[Array, Array, Array]:
@@ -209,7 +210,7 @@ def render_truth(scene: Scene, settings: Settings | None = None, *, assets: Asse
         volumetric_shadows = settings.volumetric_shadows != "off"
     check_options(rtol, shadows, sun_distance)
     check_filter(scene, pixel_filter)
-    _check_no_particles(scene)
+    _check_all_drawn(scene)
     from froxel_ref.assets import load_assets
 
     assets = load_assets(scene, None) if assets is None else assets

@@ -215,7 +215,7 @@ def test_uniform_leaves_out_what_it_does_not_need() -> None:
         assert not parts[name].runs
         assert parts[name].why
     assert [planned.name for planned in the_plan.left_out] == [
-        "shadow", "fom", "surface", "culling", "merged", "temporal", "particles"]
+        "shadow", "fom", "surface", "long_range", "culling", "material", "merged", "temporal", "particles", "taa"]
     frame = run_frame(scene, how)
     assert frame["media/extinction"].shape == (1, 1, 1)
     assert frame["lighting/in_scattering"].shape == (3, 1, 8, 12)

@@ -186,7 +186,8 @@ NAN, INF = float("nan"), float("inf")
     ({"particles": [{"type": "cloud", "opacity": [0.5]}]}, "particles[0].opacity: has 1 numbers, must have 2"),
     ({"ambient": [0, 0, -1]}, "ambient[2]: is -1, must be at least 0 W m^-2 sr^-1"),
     ({"fog": 1}, "fog: is not a key here; known: ambient, background, camera, description, extra_lights, "
-                 "global_media, image_buffers, lights, local_media, name, particles, surfaces, tracks"),
+                 "global_media, image_buffers, lights, local_media, name, particles, surfaces, tracks, "
+                 "transparent_surfaces"),
 ])
 def test_what_is_refused_is_named_in_one_line(raw: object, message: str) -> None:
     with pytest.raises(InputError) as caught:

@@ -225,7 +225,7 @@ def test_bad_input_is_named() -> None:
     for call, words in (
             (lambda: Temporal(alpha=0.0), "^alpha: is 0"), (lambda: Temporal(alpha=1.5), "^alpha: is 1.5"),
             (lambda: Temporal(alpha=0.5, alpha_most=0.1), r"^alpha_most: is 0.1, must be at least alpha \(0.5\)"),
-            (lambda: Temporal(filter="media"), "^filter:"), (lambda: run_frame(HALL, how(), frame=-1), "^frame: is -1"),
+            (lambda: Temporal(filter="fog"), "^filter:"), (lambda: run_frame(HALL, how(), frame=-1), "^frame: is -1"),
             (lambda: run_frame(HALL, how(), frame=True), "^frame: is True")):
         with pytest.raises(InputError, match=words):
             call()
