@@ -100,7 +100,7 @@ def sorted_panes(panes: Iterable[Pane]) -> list[Pane]:
     for pane in panes:
         carried = pane
         for i, other in enumerate(found):
-            nearer = carried.depth < other.depth
+            nearer = pane.depth < other.depth
             found[i], carried = _chosen(nearer, carried, other), _chosen(nearer, other, carried)
         if np.isfinite(carried.depth).any():
             found.append(carried)

@@ -221,7 +221,7 @@ def test_nan_and_infinity_are_refused_everywhere(
         cls: type[Record], name: str, length: int, bad: float) -> None:
     required = {"direction": [0, 1, 0], "irradiance": [1] * 3, "position": [0] * 3, "intensity": [1] * 3,
                 "path": "a", "depth": "a", "source": {"type": "noise"}, "heights": {"type": "folds"},
-                "time": 0, "value": 0}
+                "time": 0, "value": 0, "surface": {"type": "sphere"}}
     names = {field.name for field in dataclasses.fields(cls)}
     values = {key: value for key, value in required.items() if key in names}
     values[name] = [1] * (length - 1) + [bad] if length else bad
