@@ -163,7 +163,7 @@ def main() -> None:
               f"{halton[k] / whole:>10.4f}{halton[0] / halton[k]:>9.2f}")
     cycle = rms(mean_over(sample, [froxel_jitter(n) for n in range(CYCLE)]) - truth)
     print(f"the mean of a whole cycle of {CYCLE} Halton points: {cycle / whole:.4f}, factor {halton[0] / cycle:.2f}; "
-          f"of as many random ones {math.sqrt(squares[:, 0].mean() / CYCLE) / whole:.4f}, factor {math.sqrt(CYCLE):.2f}")
+          f"of random ones {math.sqrt(squares[:, 0].mean() / CYCLE) / whole:.4f}, factor {math.sqrt(CYCLE):.2f}")
 
 
 if __name__ == "__main__":
