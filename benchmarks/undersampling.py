@@ -69,7 +69,8 @@ def shaft_sampler(width: int, height: int, depth: int) -> Sampler:
     def sample(point: Point) -> Field:
         froxels = make_froxels(scene.camera, settings.grid, jitter=point)
         buffer = voxelise(scene, froxels, assets.textures, settings)
-        return in_scattering(buffer, scene.lights, froxels, ambient=scene.ambient, visibility=sights)[0][room][None, None]
+        light = in_scattering(buffer, scene.lights, froxels, ambient=scene.ambient, visibility=sights)
+        return light[0][room].reshape(1, 1, -1)
 
     return sample
 
@@ -161,8 +162,8 @@ def main() -> None:
         print(f"{alpha:>6g}{n:>6.0f}{math.sqrt(n):>9.2f}{random:>10.4f}{found.value:>9.2f}{found.error:>7.2f}{off:>9}"
               f"{halton[k] / whole:>10.4f}{halton[0] / halton[k]:>9.2f}")
     cycle = rms(mean_over(sample, [froxel_jitter(n) for n in range(CYCLE)]) - truth)
-    print(f"the mean of a whole cycle of {CYCLE} Halton points: {cycle / whole:.4f}, factor {halton[0] / cycle:.2f}; of "
-          f"as many random ones {math.sqrt(squares[:, 0].mean() / CYCLE) / whole:.4f}, factor {math.sqrt(CYCLE):.2f}")
+    print(f"the mean of a whole cycle of {CYCLE} Halton points: {cycle / whole:.4f}, factor {halton[0] / cycle:.2f}; "
+          f"of random ones {math.sqrt(squares[:, 0].mean() / CYCLE) / whole:.4f}, factor {math.sqrt(CYCLE):.2f}")
 
 
 if __name__ == "__main__":

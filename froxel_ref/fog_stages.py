@@ -313,13 +313,14 @@ def _relit_fields(job: Job, results: Results, visibility: Visibility) -> dict[st
               if name in FILTERED}
     sun = {int(number): results["material/sun_visibility"] for number in results["material/sun_light"]}
     g = buffer["media/phase_anisotropy"]
+    low, high = media.anisotropy_span((*job.scene.global_media, *job.scene.local_media), job.settings)
+    span = min(low, float(g.min())), max(high, float(g.max()))  # history may hold what the scene has no more
 
     def make(part: Piece, threads: int | None) -> dict[str, Field]:
         whole = part._replace(place=part.box)  # these have no holes
         known = {number: _cut({"material/sun_visibility": field}, whole)["material/sun_visibility"]
                  for number, field in sun.items()}
-        return _scattered(job, results, visibility, _cut(buffer, whole), part, threads, known=known,
-                          span=(float(g.min()), float(g.max())))
+        return _scattered(job, results, visibility, _cut(buffer, whole), part, threads, known=known, span=span)
 
     return assembled(job, pieces(job, job.centres), make)
 

@@ -210,7 +210,7 @@ def _by_scattering(share: Field, now: Field, before: Field) -> Field:
     """This frame's weight in the mean of what counts by how much of it scatters; all where nothing did before."""
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         new, old = share * now.sum(axis=0), (1.0 - share) * before.sum(axis=0)
-        return np.where(new + old > 0.0, new / (new + old), 1.0).astype(share.dtype)
+        return np.where(new + old > 0.0, new / (new + old), 1.0)
 
 
 def _old_anisotropy(job: Job, past: _Past) -> Field:
@@ -223,7 +223,8 @@ def _old_anisotropy(job: Job, past: _Past) -> Field:
     total = past.fetch(scattering, job)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         mean = past.fetch(g * scattering, job) / total
-    return np.clip(np.where(total > 0.0, mean, plain), g.min(), g.max())
+    low, high = (choose.reduce(g, axis=None) for choose in (np.fmin, np.fmax))  # past what is no number
+    return np.clip(np.where(total > 0.0, mean, plain), low, high)
 
 
 # --- the sun ----------------------------------------------------------------------------------------

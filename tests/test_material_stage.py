@@ -156,6 +156,24 @@ def test_the_mean_of_g_over_frames(mixing: str) -> None:
     assert inside.any()
 
 
+def test_a_g_that_the_scene_has_no_more() -> None:
+    """What history holds lies outside of what this frame's media span, and is lit by it all the same."""
+    ball = dataclasses.replace(BALL, phase_anisotropy=0.9, emissive=(0, 0, 0))
+    scene = dataclasses.replace(HALL, local_media=(ball,), lights=(SUN,), surfaces=())
+    now = dataclasses.replace(scene, global_media=(dataclasses.replace(FOG, phase_anisotropy=0.1),),
+                              local_media=(dataclasses.replace(ball, phase_anisotropy=0.1),))
+    frame = run_frame(now, how(), frame=1, previous=run_frame(scene, how()))
+    g = full(frame["material/phase_anisotropy"])
+    assert g.min() < 0.7
+    assert g.max() > 0.8
+    way = np.stack(np.broadcast_arrays(*froxel_points(make_froxels(HALL.camera, GRID)))) - np.reshape(
+        HALL.camera.position, (3, 1, 1, 1))
+    cosine = np.tensordot(SUN.direction, way / np.linalg.norm(way, axis=0), axes=1) / np.linalg.norm(SUN.direction)
+    phase = (1.0 - g * g) / (4.0 * np.pi * (1.0 + g * g - 2.0 * g * cosine) ** 1.5)
+    want = frame["material/scattering"] * np.reshape(SUN.irradiance, (3, 1, 1, 1)) * phase
+    np.testing.assert_allclose(full(frame["lighting/in_scattering"]), want, rtol=1e-12)
+
+
 def test_lobes_of_a_mixture() -> None:
     """Each lobe is averaged; a history of other lobes is none."""
     settings = replace(how(alpha=0.25), phase_mixing="mixture")
@@ -343,15 +361,20 @@ def test_what_a_camera_that_moved_finds(mixing: str) -> None:
     assert (apart > 0.1) == (mixing == "weighted")
 
 
+@pytest.mark.parametrize("moves", [False, True])
 @pytest.mark.parametrize("name", ["scattering", "sun_visibility", "phase_anisotropy"])
-def test_a_history_that_is_no_number_lasts_one_frame(name: str) -> None:
+def test_a_history_that_is_no_number_lasts_one_frame(name: str, moves: bool) -> None:
     first = run_frame(HALL, how())
     assert first.history is not None
     spoiled = {key: field.copy() for key, field in first.history.fields.items()}
     spoiled[f"material/{name}"][..., 3, 2, 5] = np.nan
     history = dataclasses.replace(first.history, fields=spoiled)
-    then = run_frame(HALL, how(), frame=1, previous=dataclasses.replace(first, history=history))
+    camera = Camera(width=24, height=14, position=(0.1, 1.7, 0.0), target=(0.1, 1.7, -1.0)) if moves else HALL.camera
+    then, want = (run_frame(dataclasses.replace(HALL, camera=camera), how(), frame=1, previous=previous)
+                  for previous in (dataclasses.replace(first, history=history), first))
     assert all(np.isfinite(then[field]).all() for field in (*FIELDS, FINAL))
+    apart = full(then[f"material/{name}"]) != full(want[f"material/{name}"])
+    assert apart.reshape(-1, *SHAPE).any(axis=0).sum() <= 8  # what reads the texel
 
 
 def test_a_grid_of_another_size_is_looked_up_all_the_same() -> None:
@@ -430,6 +453,22 @@ def test_lighting_asks_nobody_for_a_visibility_that_it_is_given() -> None:
 
 
 # --- what a frame may leave out ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [(7, 4, 5), (2, 2, 2), (1, 6, 3), (9, 1, 4), (3, 2, 1)])
+def test_a_checkerboard_of_any_size(size: tuple[int, int, int]) -> None:
+    grid = Grid(width=size[0], height=size[1], depth=size[2], near=0.5, far=16.0)
+    plain = Settings(grid=grid, shadows="exact")
+    then = frames(HALL, replace(how(alpha=1.0), checkerboard=True, jitter="off", grid=grid), 2)[-1]
+    np.testing.assert_array_equal(then[FINAL], run_frame(HALL, plain)[FINAL])
+
+
+def test_float32_stays() -> None:
+    settings = replace(how(clamp="deviation", alpha_most=0.5), checkerboard=True, precision="float32")
+    frame = frames(HALL, settings, 2)[-1]
+    assert {frame[name].dtype.name for name in (*FIELDS, "temporal/in_scattering", FINAL)} == {"float32", "int64"}
+    wide = frames(HALL, replace(settings, precision="float64"), 2)[-1]
+    np.testing.assert_allclose(frame[FINAL], wide[FINAL], rtol=1e-3, atol=1e-6)
 
 
 @pytest.mark.parametrize("checkerboard", [False, True])
