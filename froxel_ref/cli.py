@@ -72,6 +72,9 @@ examples:
 """
 
 
+MOST_FRAMES = 100_000
+
+
 # --- the entry --------------------------------------------------------------------------------------
 
 
@@ -340,8 +343,8 @@ def _render_sequence(args: argparse.Namespace) -> None:
     from froxel_ref.output import output_path
     from froxel_ref.sequence_files import write_animation, write_frames, write_last
 
-    if not re.fullmatch(r"[0-9]{1,9}", args.frames) or int(args.frames) < 1:
-        raise InputError("--frames", f"is {shown(args.frames)}, must be a whole number of at least 1")
+    if not re.fullmatch(r"[0-9]{1,9}", args.frames) or not 1 <= int(args.frames) <= MOST_FRAMES:
+        raise InputError("--frames", f"is {shown(args.frames)}, must be a whole number, 1 to {MOST_FRAMES}")
     if not re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", args.rate) or float(args.rate) <= 0.0:
         raise InputError("--rate", f"is {shown(args.rate)}, must be a number above 0 such as 30")
     if args.force and args.resume:

@@ -116,7 +116,7 @@ def run_sequence(scene: Scene, camera_path: CameraPath | None = None, frames: in
     Raises
     ------
     InputError
-        No frames, a rate that is not above 0, a path of another length, a frame that is not allowed: all of them are
+        No frames, a rate that is not above 0, a path of another length, a cut or a frame that is not allowed: all are
         looked at before the first is computed.
 
     Notes
@@ -132,14 +132,15 @@ def run_sequence(scene: Scene, camera_path: CameraPath | None = None, frames: in
     [0.0, 0.1, 0.2]
     """
     settings = settings or Settings()
-    _check(frames, first, rate, camera_path)
+    _check(frames, first, rate, camera_path, cuts)
     for number in range(first, frames):
         moment(scene, camera_path, number, rate=rate)
     return _frames(scene, camera_path, range(first, frames), settings, rate, frozenset(cuts),
                    load_assets(scene, None) if assets is None else assets, outputs, threads, progress, previous)
 
 
-def _check(frames: int, first: int, rate: float, camera_path: CameraPath | None) -> None:
+def _check(frames: int, first: int, rate: float, camera_path: CameraPath | None,
+           cuts: Collection[int]) -> None:
     if isinstance(frames, bool) or not isinstance(frames, int) or frames < 1:
         raise InputError("frames", f"is {shown(frames)}, must be a whole number of at least 1")
     if isinstance(first, bool) or not isinstance(first, int) or not 0 <= first < frames:
@@ -148,6 +149,9 @@ def _check(frames: int, first: int, rate: float, camera_path: CameraPath | None)
         raise InputError("rate", f"is {shown(rate)}, must be a number above 0")
     if camera_path is not None and not callable(camera_path) and len(camera_path) < frames:
         raise InputError("camera_path", f"has {len(camera_path)} cameras, must have one for each of {frames} frames")
+    beyond = next((cut for cut in cuts if cut not in range(frames)), None)
+    if beyond is not None:
+        raise InputError("cuts", f"has {shown(beyond)}, must be frames from 0 to {frames - 1}")
 
 
 def _frames(scene: Scene, camera_path: CameraPath | None, numbers: range, settings: Settings, rate: float,

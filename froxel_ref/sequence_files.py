@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import json
 import re
+import zipfile
+import zlib
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -19,7 +21,7 @@ from froxel_ref.frame import Frame, Progress, plan
 from froxel_ref.image_files import display_image, write_png
 from froxel_ref.jobs import History
 from froxel_ref.output import check_folder, read_manifest, refusal, whole_file
-from froxel_ref.quantities import final_result
+from froxel_ref.quantities import QUANTITIES, final_result, raster_size
 from froxel_ref.records import InputError, from_json, shown, to_json
 from froxel_ref.scene import Camera
 from froxel_ref.scene_files import Loaded, document
@@ -164,18 +166,50 @@ def _state(folder: Path, written: Any, rate: float) -> _State | None:
         raise InputError("output", f"{shown(str(folder))} holds a sequence of another scene, other settings or another "
                                    "rate, must be the same to be gone on with; give --force to begin anew")
     try:
-        with np.load(folder / STATE, allow_pickle=False) as file:
-            facts = json.loads(str(file["facts"]))
-            fields = {name.replace(".", "/"): file[name] for name in file.files if name != "facts"}
+        return _read_state(folder / STATE)
     except FileNotFoundError:
         return None
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError("output", f"{shown(str(folder / STATE))} cannot be read ({error}), must be as a sequence left "
+    except (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error) as error:
+        why = " ".join(str(error).split())[:200]
+        raise InputError("output", f"{shown(str(folder / STATE))} cannot be read ({why}), must be as a sequence left "
                                    "it; give --force to begin anew") from None
-    history = facts["history"] and History(
-        fields, from_json(Camera, facts["history"]["camera"]), from_json(Grid, facts["history"]["grid"]),
-        facts["history"]["exposure"], facts["history"]["length"])
-    return _State(facts["frame"], history)
+
+
+def _read_state(path: Path) -> _State:
+    """A state as `_packed` wrote it; any of several errors where it is not one."""
+    with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+        facts = json.loads(str(file["facts"]))
+        fields = {name.replace(".", "/"): file[name] for name in file.files if name != "facts"}
+    held, number = facts["history"], facts["frame"]
+    if held is None:
+        return _State(_whole(number, 0), None)
+    history = History(fields, from_json(Camera, held["camera"]), from_json(Grid, held["grid"]),
+                      float(held["exposure"]), _whole(held["length"], 1))
+    if not (np.isfinite(history.exposure) and history.exposure > 0.0):
+        raise ValueError(f"an exposure of {history.exposure:g}")
+    for name, field in fields.items():
+        _check_field(name, field, history)
+    return _State(_whole(number, 0), history)
+
+
+def _check_field(name: str, field: NDArray[Any], history: History) -> None:
+    """Refuse a field that its stage cannot have made: of another size than the history says, or of no numbers."""
+    if name not in QUANTITIES:
+        raise ValueError(f"{name} is no result")
+    quantity = QUANTITIES[name]
+    rows, columns = raster_size(quantity, history.camera, history.grid)
+    sizes = {"c": 3, "z": history.grid.depth, "y": rows, "x": columns}
+    axes = quantity.axes if field.ndim == len(quantity.axes) else f"c{quantity.axes}"
+    if field.dtype.kind not in "fi" or field.ndim != len(axes) or any(
+            n not in (0, 1, sizes.get(axis, n)) for axis, n in zip(axes, field.shape, strict=True)):
+        raise ValueError(f"{name} has shape {field.shape} and type {field.dtype}, must be {axes} of "
+                         f"{history.grid.depth} slices, {rows} rows and {columns} columns")
+
+
+def _whole(value: object, least: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise ValueError(f"{value!r} is no count of frames")
+    return value
 
 
 def write_animation(loaded: Loaded, assets: Assets, path: Path, *, frames: int, rate: float, force: bool = False,

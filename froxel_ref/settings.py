@@ -176,6 +176,8 @@ class ShadowMaps(Record):
     cascades: int = integer(4, "maps of each directional light, one behind the other", at_least=1, at_most=16)
     split: float = number(0.5, "share of the exponential distribution in where cascades end [Zhang 2006]",
                           at_least=0.0, at_most=1.0)
+    reach: float | None = number(None, "view depth up to which cascades serve; the froxels' far end unless given",
+                                 optional=True, **SIZE)
     directional_size: int = integer(1024, "each cascade, across", unit="texels", at_least=16, at_most=16384)
     spot_size: int = integer(512, "a spot light's map, across", unit="texels", at_least=16, at_most=16384)
     point_size: int = integer(256, "each face of a point light's cube, or its octahedral map, across", unit="texels",
@@ -387,6 +389,9 @@ class Settings(Record):
         if self.long_range.march and self.long_range.farthest < self.grid.far:
             raise InputError("long_range.farthest", f"is {self.long_range.farthest:g} m, must be at least grid.far "
                                                     f"({self.grid.far:g} m)")
+        reach = self.shadow_maps.reach
+        if reach is not None and not reach > self.grid.near:
+            raise InputError("shadow_maps.reach", f"is {reach:g} m, must be above grid.near ({self.grid.near:g} m)")
         if self.merged and self.temporal.filter == "media":
             raise InputError("merged", "is on with the temporal filter 'media', must be off: there is no V-Buffer to "
                                        "filter")

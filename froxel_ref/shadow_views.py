@@ -113,12 +113,13 @@ def cascade_splits(grid: Grid, maps: ShadowMaps) -> Matrix:
     grid : Grid
         Its near and far.
     maps : ShadowMaps
-        Number of cascades, and split: the share of the exponential distribution.
+        Number of cascades, split: the share of the exponential distribution, and reach, if they serve beyond the
+        froxels, or less far.
 
     Returns
     -------
     ndarray, shape (cascades + 1,) [m]
-        From 0, the camera, to far.
+        From 0, the camera, to far, or to the reach.
 
     Notes
     -----
@@ -131,9 +132,10 @@ def cascade_splits(grid: Grid, maps: ShadowMaps) -> Matrix:
     [0.0, 4.0, 16.0]
     """
     share = np.arange(maps.cascades + 1) / maps.cascades
-    splits = maps.split * grid.near * (grid.far / grid.near) ** share
-    splits += (1.0 - maps.split) * (grid.near + (grid.far - grid.near) * share)
-    splits[0], splits[-1] = 0.0, grid.far
+    far = grid.far if maps.reach is None else maps.reach
+    splits = maps.split * grid.near * (far / grid.near) ** share
+    splits += (1.0 - maps.split) * (grid.near + (far - grid.near) * share)
+    splits[0], splits[-1] = 0.0, far
     return np.asarray(splits)
 
 
@@ -173,7 +175,8 @@ def cascade_views(light: DirectionalLight, camera: Camera, grid: Grid, maps: Sha
     Each is a square around the ball about its stretch of the view, so that its size does not change when the
     camera turns, and its centre moves in whole texels, so that nothing shimmers when it moves: a point of the
     world falls on the same place in its texel in every frame. The ball lies within 0.97 of the half width
-    without the border, half a texel for the snap included, so every froxel has a cascade.
+    without the border, half a texel for the snap included, so every froxel has a cascade, unless maps.reach
+    is nearer than the froxels' far end.
 
     Examples
     --------

@@ -25,7 +25,7 @@ from froxel_ref.scene import (
     Sphere,
     Transform,
 )
-from froxel_ref.settings import AntiAliasing, FogLookup, Grid, LongRange, Settings, replace
+from froxel_ref.settings import AntiAliasing, FogLookup, Grid, LongRange, Settings, ShadowMaps, replace
 from froxel_ref.taa import pixel_offsets
 from froxel_ref.tonemap import FLOAT16_LARGEST_LUMA, luma
 
@@ -266,6 +266,21 @@ def test_what_no_cascade_reaches_is_lit_whatever_froxels_have() -> None:
     lit, dark = (run_frame(scene, replace(how, beyond_cascades=value)) for value in ("lit", "dark"))
     np.testing.assert_array_equal(lit["long_range/radiance"], dark["long_range/radiance"])
     assert lit["long_range/radiance"].max() > 0.01
+
+
+def test_cascades_may_serve_the_long_range_too() -> None:
+    """A shadow that begins behind the froxels: without a reach all is lit there."""
+    wall = Box(transform=Transform(translate=(0, 0, -100), scale=(30, 30, 1)))
+    sun = DirectionalLight(direction=(0.0, 1.0, -1.0), irradiance=(3.0, 2.0, 2.0))
+    scene = dataclasses.replace(LIT, lights=(sun,), surfaces=(wall,), ambient=(0.0, 0.0, 0.0))
+    how = Settings(grid=GRID, long_range=dataclasses.replace(LONG, steps=64))
+    found = {name: run_frame(scene, each)["long_range/radiance"].mean() for name, each in {
+        "lit": how, "exact": replace(how, shadows="exact"),
+        "reach": replace(how, shadow_maps=ShadowMaps(reach=120.0))}.items()}
+    assert found["exact"] < 0.95 * found["lit"]
+    assert abs(found["reach"] / found["exact"] - 1.0) < 0.01
+    with pytest.raises(InputError, match="shadow_maps.reach: is 0.1 m, must be above grid.near"):
+        replace(how, shadow_maps=ShadowMaps(reach=0.1))
 
 
 def test_a_march_to_the_sun_dims_it() -> None:

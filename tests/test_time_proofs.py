@@ -349,7 +349,8 @@ INTO_THE_SPHERE = ('tracks=[{"path":"camera.position[2]","keys":[{"time":0,"valu
 
 
 @pytest.mark.parametrize(("arguments", "said"), [
-    (["--frames", "0"], "--frames: is '0', must be a whole number of at least 1"),
+    (["--frames", "0"], "--frames: is '0', must be a whole number, 1 to 100000"),
+    (["--frames", "100001"], "--frames: is '100001', must be a whole number, 1 to 100000"),
     (["--frames", "-1"], "--frames: is '-1', must be"), (["--frames", "2.5"], "--frames: is '2.5', must be"),
     (["--frames", ""], "--frames: is '', must be"), (["--frames", "NaN"], "--frames: is 'NaN', must be"),
     *[(["--frames", "2", "--set", f"temporal.{name}={value}"], f"settings.temporal.{name}: is {value}, must be above 0")
@@ -397,6 +398,31 @@ def test_a_kept_history_of_another_size_is_refused(here: Path, capsys: pytest.Ca
     assert "has shape (3, 3, 5, 8)" in err
     assert len(err.splitlines()) == 1
     assert sorted(path.name for path in (here / "out").glob("*.png")) == ["frame-00000.png", "frame-00001.png"]
+
+
+@pytest.mark.parametrize("damage", [
+    lambda content: content[:len(content) // 2], lambda content: b"", lambda content: b"no archive",
+    lambda content: content.replace(b"temporal.in_scattering", b"temporal.in_scatterinX")])
+def test_a_damaged_history_is_one_line(damage: Callable[[bytes], bytes], here: Path,
+                                       capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["render", "scene.json", "-o", "out", "--frames", "1"]) == 0
+    state = here / "out" / STATE
+    state.write_bytes(damage(state.read_bytes()))
+    capsys.readouterr()
+    assert main(["render", "scene.json", "-o", "out", "--frames", "2", "--resume"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("froxel-ref: error: output: ")
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("how", ["--preset=thesis", "--set=temporal.filter=media"])
+def test_what_was_interrupted_goes_on_to_the_last_bit(how: str, here: Path) -> None:
+    assert main(["render", "scene.json", "-o", "whole", "--frames", "4", how]) == 0
+    assert main(["render", "scene.json", "-o", "parts", "--frames", "2", how]) == 0
+    assert main(["render", "scene.json", "-o", "parts", "--frames", "4", "--resume", how]) == 0
+    for picture in (here / "whole").glob("*.png"):
+        assert picture.read_bytes() == (here / "parts" / picture.name).read_bytes()
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
