@@ -56,7 +56,7 @@ def fogged_pane(hits: Hits, light: Field, opacity: float, depth_image: Field, fo
     Notes
     -----
     α·(L·T(z) + F(z)) with the opacity α, its light L, and the fog's transmittance T and light F up to its depth z
-    [Dörries 2020, §3.2.8].
+    [Dörries 2020, §3.2.10].
 
     Examples
     --------

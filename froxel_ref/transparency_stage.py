@@ -77,7 +77,7 @@ def drawn_layers(job: Job, results: Results, fog_at: FogAt) -> dict[str, Field]:
     -----
     In each pixel transparent surfaces are sorted by their depth there, and what a particle shows there lies before or
     behind each of them by its own. Particles among themselves are sorted as wholes. Light is that of the froxels and
-    opaque surfaces, through the same maps; the long range is skipped [Dörries 2020, §3.2.8].
+    opaque surfaces, through the same maps; the long range is skipped [Dörries 2020, §3.2.10].
     """
     scene, how, exposure = job.scene, job.settings, job.dtype.type(job.exposure)  # the fog's has it
     seen, size = light_visibility(job, results), fom_plan.particle_size(how)

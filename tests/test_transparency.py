@@ -143,7 +143,9 @@ def test_as_the_author_all_of_the_first_slice_lies_before_it() -> None:
 
 
 def test_a_pane_of_opacity_0_changes_no_bit() -> None:
-    bare = glass(surfaces=(wall(7.0),), global_media=(FOG,), particles=(square(2.0), square(6.0)))
+    """Nor do the particles before and behind it come in layers of their own, whose roundings would differ."""
+    puffs = tuple(square(depth, opacity=0.3, albedo=(0.7, 0.6, 0.1)) for depth in (2.0, 2.5, 3.1, 5.0, 6.0))
+    bare = glass(surfaces=(wall(7.0),), global_media=(FOG,), particles=puffs)
     frames = [run_frame(dataclasses.replace(bare, transparent_surfaces=panes), HOW)
               for panes in ((), (facing(4.0, opacity=0),))]
     for name in QUANTITIES:
@@ -157,6 +159,7 @@ VARIED = Scene(
     local_media=(LocalMedium(shape="ellipsoid", extinction=0.8, transform=Transform(translate=(1, 1, -2))),),
     lights=(DirectionalLight(direction=(0.5, 1, 0.3), irradiance=(2, 2, 1)),
             PointLight(position=(-1, 3, -1), intensity=(5, 9, 5), radius=9),
+            PointLight(position=(0.5, 1, 0), intensity=(1, 1, 1), radius=2),
             SpotLight(position=(2, 4, 1), direction=(-0.5, -1, -0.5), intensity=(9, 5, 5))),
     surfaces=(Box(transform=Transform(translate=(-1, 0.8, -3), scale=(0.6, 0.8, 0.6))), Plane(albedo=(0.6, 0.5, 0.3))),
     particles=(ParticleCloud(count=12, seed=3, low=(-2, 0, -4), high=(2, 2, 1)),))
@@ -224,6 +227,11 @@ def test_the_nearer_of_two_panes_lies_over_the_farther(flip: bool) -> None:
 def test_of_two_equally_near_the_first_lies_on_top() -> None:
     got = run_frame(glass(facing(4.0, opacity=0.5, albedo=RED), facing(4.0, opacity=0.25, albedo=BLUE)), HOW)[FINAL]
     assert got[:, 0, 0].tolist() == [0.5, 0.0, 0.125]
+
+
+def test_a_particle_as_near_as_a_pane_lies_behind_it() -> None:
+    got = run_frame(glass(facing(4.0, opacity=0.5, albedo=RED), particles=(square(4.0, albedo=BLUE),)), HOW)[FINAL]
+    assert got[:, 0, 0].tolist() == [0.5, 0.0, 0.25]  # as it does behind an opaque surface
 
 
 def test_panes_that_cross_are_sorted_in_each_pixel() -> None:
@@ -310,13 +318,13 @@ def test_against_a_scalar_loop_over_pixels(seed: int) -> None:
                 light = [(1 - opacity) * light[c] + opacity * (albedo[c] * AMBIENT[c] * through[c] + glow[c])
                          for c in range(3)]
                 passed *= 1 - opacity
-            # Some roundings of each of a dozen layers, and of their depths; measured: 2e-14 and 1e-15.
-            np.testing.assert_allclose(got["particles/radiance"][:, row, column], light, rtol=1e-12)
-            assert got["particles/transmittance"][row, column] == pytest.approx(passed, rel=1e-13)
+            # Some roundings of each of a dozen layers, and of their depths; measured: 1e-15.
+            np.testing.assert_allclose(got["particles/radiance"][:, row, column], light, rtol=64 * EPS)
+            assert got["particles/transmittance"][row, column] == pytest.approx(passed, rel=64 * EPS)
     assert between > 10
 
 
-@given(depths=st.lists(st.lists(st.sampled_from([1.0, 2.0, 3.0, math.inf]), min_size=6, max_size=6), max_size=6))
+@given(depths=st.lists(st.lists(st.sampled_from([1.0, 2.0, 3.0, *[math.inf] * 3]), min_size=6, max_size=6), max_size=6))
 def test_sorting_keeps_every_pixel_s_panes(depths: list[list[float]]) -> None:
     panes = []
     for i, depth in enumerate(depths):
@@ -416,6 +424,9 @@ def test_each_counts_for_the_memory() -> None:
     wide = dataclasses.replace(glass(), camera=Camera(width=4000, height=2000))
     four = dataclasses.replace(wide, transparent_surfaces=(facing(1.0),) * 4)
     assert working_bytes(four, HOW) - working_bytes(wide, HOW) == 4 * 9 * 8_000_000 * 8
+    curtain = HeightField(heights=Folds(size=1025))
+    hung = dataclasses.replace(wide, transparent_surfaces=(TransparentSurface(surface=curtain),))
+    assert working_bytes(hung, HOW) - working_bytes(wide, HOW) == 9 * 8_000_000 * 8 + 64 * 1025**2
     many = dataclasses.replace(wide, transparent_surfaces=(facing(1.0),) * 100_000)
     with pytest.raises(InputError, match="GiB"):
         plan(many, HOW)
