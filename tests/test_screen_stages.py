@@ -279,7 +279,7 @@ def test_cascades_may_serve_the_long_range_too() -> None:
         "reach": replace(how, shadow_maps=ShadowMaps(reach=120.0))}.items()}
     assert found["exact"] < 0.95 * found["lit"]
     assert abs(found["reach"] / found["exact"] - 1.0) < 0.01
-    with pytest.raises(InputError, match="shadow_maps.reach: is 0.1 m, must be above grid.near"):
+    with pytest.raises(InputError, match=r"shadow_maps\.reach: is 0\.1 m, must be above grid\.near"):
         replace(how, shadow_maps=ShadowMaps(reach=0.1))
 
 
