@@ -28,7 +28,7 @@ from froxel_ref.settings import FIDELITIES, SWITCHES, Settings, replace
 
 # What a scene needs so that a switch can show: a medium that glows, an exposure that is not 1.
 GLOW, EXPOSURE = (0.02, 0.01, 0.005), 2.0
-OVER_TIME = ("jitter", "checkerboard", "inverse_tone_map", "half_depth", "long_", "taa_")
+OVER_TIME = ("jitter", "checkerboard", "filled_holes", "inverse_tone_map", "half_depth", "long_", "taa_")
 FRAMES = 8
 
 

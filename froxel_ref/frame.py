@@ -149,6 +149,10 @@ def _idle(name: str, settings: Settings) -> bool:
     """Whether a result of what the settings leave out is empty."""
     if name.startswith(("long_range/", "taa/")):
         return not (settings.long_range.march if name.startswith("long_range/") else settings.taa.on)
+    if name.endswith("/guessed") and not (settings.checkerboard and settings.filled_holes == "replaced"):
+        return True
+    if name == "temporal/guessed":
+        return not temporal_stage.averages_light(settings)
     if name.endswith("/unphased"):
         return settings.temporal.filter != "unphased"
     if name.startswith("material/"):

@@ -23,11 +23,11 @@ from froxel_ref.light_visibility import light_visibility
 from froxel_ref.scene import DirectionalLight, Scene
 from froxel_ref.settings import Settings
 from froxel_ref.shadow import shadowed_lights
-from froxel_ref.temporal_stage import average_parts, filled, held, holes_part, weight
+from froxel_ref.temporal_stage import average_parts, filled, guesses, held, holes_part, weight
 
 __all__ = ["FIELDS", "HISTORY", "filtered_material", "filtered_sun", "material_parts", "nothing_filtered"]
 
-FIELDS = (*fog_stages.FILTERED, "material/sun_light", "material/sun_visibility", "material/valid")
+FIELDS = (*fog_stages.FILTERED, "material/sun_light", "material/sun_visibility", "material/guessed", "material/valid")
 HISTORY = FIELDS[:-1]
 """What the next frame reads."""
 
@@ -109,7 +109,8 @@ def nothing_filtered(job: Job) -> dict[str, Field]:
     """
     empty = {name: np.zeros((3, 0, 0, 0), job.dtype) for name in ("material/scattering", "material/emission")}
     empty |= {name: np.zeros((0, 0, 0), job.dtype) for name in (
-        "material/extinction", "material/phase_anisotropy", "material/sun_visibility", "material/valid")}
+        "material/extinction", "material/phase_anisotropy", "material/sun_visibility", "material/guessed",
+        "material/valid")}
     return empty | {"material/lobe_scattering": np.zeros((0, 3, 0, 0, 0), job.dtype),
                     "material/lobe_anisotropy": np.zeros(0, job.dtype), "material/sun_light": np.zeros(0, np.int64)}
 
@@ -144,9 +145,12 @@ def filtered_material(job: Job, results: Results) -> dict[str, Field]:
     if job.settings.temporal.filter != "media":  # forced, but not to what was switched off
         return nothing_filtered(job)
     past = _past(job)
-    made = _material(job, results, past if past is not None and _is_like(past, results) else None)
+    like = past if past is not None and _is_like(past, results) else None
+    old_guess, guess = guesses(job, True) if like is None else guesses(
+        job, True, like.history.fields.get("material/guessed"), like.place)
+    made = _material(job, results, like, old_guess)
     valid = np.zeros((1, 1, 1), job.dtype) if past is None else past.place.valid.astype(job.dtype)
-    return made | _sun(job, results, past) | {"material/valid": valid}
+    return made | _sun(job, results, past, old_guess) | {"material/guessed": guess, "material/valid": valid}
 
 
 def _past(job: Job) -> _Past | None:
@@ -167,7 +171,7 @@ def _is_like(past: _Past, results: Results) -> bool:
 # --- the V-Buffer -----------------------------------------------------------------------------------
 
 
-def _material(job: Job, results: Results, past: _Past | None) -> dict[str, Field]:
+def _material(job: Job, results: Results, past: _Past | None, guessed: Field | None) -> dict[str, Field]:
     """The V-Buffer without holes, averaged where it has a history."""
     fields = {name: results[f"media/{name}"] for name in _MATERIAL}
     lobes = results["media/lobe_scattering"]
@@ -176,21 +180,21 @@ def _material(job: Job, results: Results, past: _Past | None) -> dict[str, Field
     if past is None:
         made = {name: filled(job, field) for name, field in fields.items()}
     else:
-        made = _averaged(job, fields, past)
+        made = _averaged(job, fields, past, guessed)
     made["lobe_scattering"] = made["lobe_scattering"].reshape(
         len(lobes), 3, *made["lobe_scattering"].shape[1:]) if len(lobes) else lobes
     return {f"material/{name}": field for name, field in made.items()} | {
         "material/lobe_anisotropy": results["media/lobe_anisotropy"]}
 
 
-def _averaged(job: Job, fields: dict[str, Field], past: _Past) -> dict[str, Field]:
+def _averaged(job: Job, fields: dict[str, Field], past: _Past, guessed: Field | None) -> dict[str, Field]:
     names = list(fields)
     old = {name: _old_anisotropy(job, past) if name == "phase_anisotropy" else
            past.fetch(_flat(past.history.fields[f"material/{name}"]).astype(job.dtype, copy=False), job)
            for name in names}
     new = {name: filled(job, fields[name], old[name], past.place.valid) for name in names}
     old = {name: held(job, old[name], new[name]) for name in names}
-    share = weight(job, list(new.values()), list(old.values()))
+    share = weight(job, list(new.values()), list(old.values()), guessed)
     made = {name: temporal.blend(new[name], old[name], past.place.valid, alpha=share)
             for name in names if name != "phase_anisotropy"}
     g, before = new["phase_anisotropy"], old["phase_anisotropy"]
@@ -230,7 +234,7 @@ def _old_anisotropy(job: Job, past: _Past) -> Field:
 # --- the sun ----------------------------------------------------------------------------------------
 
 
-def _sun(job: Job, results: Results, past: _Past | None) -> dict[str, Field]:
+def _sun(job: Job, results: Results, past: _Past | None, guessed: Field | None) -> dict[str, Field]:
     """The first hidden sun's visibility, averaged where it has a history."""
     number = filtered_sun(job.scene, job.settings)
     if number is None:
@@ -242,7 +246,7 @@ def _sun(job: Job, results: Results, past: _Past | None) -> dict[str, Field]:
         old = past.field("sun_visibility", job)
         seen = filled(job, seen, old, past.place.valid)
         old = held(job, old, seen)
-        seen = temporal.blend(seen, old, past.place.valid, alpha=weight(job, [seen], [old]))
+        seen = temporal.blend(seen, old, past.place.valid, alpha=weight(job, [seen], [old], guessed))
     return {"material/sun_light": np.array([number]), "material/sun_visibility": seen}
 
 

@@ -93,10 +93,12 @@ QUANTITIES: dict[str, Quantity] = {
     "lighting/in_scattering": Quantity("czyx", PER_METRE, "radiance scattered towards the camera per metre"),
     "lighting/unphased": Quantity("czyx", PER_METRE, "the same with an isotropic phase function; temporal.filter "
                                                       "unphased only"),
+    "material/guessed": Quantity("zyx", "1", "share that holes took from neighbours, and no frame has computed yet"),
     "temporal/in_scattering": Quantity("czyx", PER_METRE, "in-scattering filtered over frames, holes filled"),
     "temporal/extinction": Quantity("zyx", "1/m", "extinction filtered over frames, holes filled"),
     "temporal/unphased": Quantity("czyx", PER_METRE, "the same of what has an isotropic phase function"),
     "temporal/valid": Quantity("zyx", "1", "1 where the froxel was in view a frame ago, 0 where history begins"),
+    "temporal/guessed": Quantity("zyx", "1", "the same: share of a guess in the average, until something is computed"),
     "integrate/radiance": Quantity("czyx", RADIANCE, "fog's radiance up to the slice's far boundary"),
     "integrate/transmittance": Quantity("zyx", "1", "transmittance up to the slice's far boundary"),
     "integrate/front_radiance": Quantity("cyx", RADIANCE, "fog's radiance up to the near boundary", "grid"),

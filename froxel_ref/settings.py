@@ -66,6 +66,7 @@ SWITCHES: dict[str, tuple[str, ...]] = {
     "jitter": ("centred", "published", "author", "off"),                        # D10, A2
     "checkerboard_parity": ("even", "even", "odd"),                             # A1
     "checkerboard_fill": ("existing", "zero", "zero"),                          # D11
+    "filled_holes": ("replaced", "kept", "kept"),                               # S7
     "inverse_tone_map": ("carried", "luma", "bounded"),                         # D9
     "half_depth": ("nearest", "nearest", "farthest"),                           # A11
     "long_density": ("mean", "sampled", "sampled"),                             # S5
@@ -139,6 +140,9 @@ class Switches(Record):
     checkerboard_fill: str | None = _switch(
         "checkerboard_fill", "D11: holes without a history take the mean of the neighbours that exist, or neighbours "
                              "outside count as 0")
+    filled_holes: str | None = _switch(
+        "filled_holes", "S7: what holes took from their neighbours is replaced by what is computed there first, or "
+                        "counts as history")
     inverse_tone_map: str | None = _switch(
         "inverse_tone_map", "D9: averages of tone-mapped colours come back by weights that are carried along, stored "
                             "ones by a luma that their format holds; or by their luma, up to 1, or to 1 − 1e-6")

@@ -529,7 +529,7 @@ def test_golden_sets_hold_it(tmp_path: Path) -> None:
         "material/scattering": [8, 7, 12, 3], "material/extinction": [8, 7, 12], "material/emission": [8, 7, 12, 3],
         "material/phase_anisotropy": [8, 7, 12], "material/lobe_scattering": [2, 8, 7, 12, 3],
         "material/lobe_anisotropy": [2], "material/sun_light": [1], "material/sun_visibility": [8, 7, 12],
-        "material/valid": [8, 7, 12]}
+        "material/guessed": [8, 7, 12], "material/valid": [8, 7, 12]}
 
 
 def test_merged_stages_have_nothing_to_filter() -> None:

@@ -41,6 +41,7 @@ EXPECTED = {
     "jitter": ("D10", "centred", "published", "author"),
     "checkerboard_parity": ("A1", "even", "even", "odd"),
     "checkerboard_fill": ("D11", "existing", "zero", "zero"),
+    "filled_holes": ("S7", "replaced", "kept", "kept"),
     "inverse_tone_map": ("D9", "carried", "luma", "bounded"),
     "half_depth": ("A11", "nearest", "nearest", "farthest"),
     "long_density": ("S5", "mean", "sampled", "sampled"),

@@ -42,7 +42,7 @@ from froxel_ref.scene import (
     Transform,
 )
 from froxel_ref.scene_files import load
-from froxel_ref.sequence import moment
+from froxel_ref.sequence import moment, run_sequence
 from froxel_ref.sequence_files import STATE
 from froxel_ref.settings import Grid, Settings, Temporal, replace
 from froxel_ref.temporal import blend
@@ -244,28 +244,43 @@ FILTERED = replace(Settings(grid=Grid(width=24, height=14, depth=16, near=0.5, f
                             temporal=Temporal(filter="scattering", alpha=0.1)), jitter="off")
 
 
+def test_what_holes_were_filled_with_is_replaced_by_what_is_computed_first() -> None:
+    """S7, at rest and without jitter: the second frame is the whole."""
+    first, *rest = (light for light, _ in checkerboard_off(HALL, FILTERED, 6))
+    assert first > 0.05
+    assert max(rest) < 1e-15
+    guess = [frame["temporal/guessed"] for frame in run_sequence(
+        HALL, frames=3, settings=replace(FILTERED, checkerboard=True), outputs=["temporal/guessed"])]
+    assert [round(float(each.mean()), 12) for each in guess] == [0.5, 0.0, 0.0]
+
+
 def test_what_holes_were_filled_with_is_forgotten_at_half_the_pace() -> None:
-    """At rest, without jitter: (1 − α)^⌊n/2⌋ of the first frame's error is left in each froxel, since the average
-    begins with it; by `temporal.start` = mean the second frame is the whole."""
-    first, *rest = (light for light, _ in checkerboard_off(HALL, FILTERED, 8))
+    """S7 as published, at rest and without jitter: (1 − α)^⌊n/2⌋ of the first frame's error is left in each froxel,
+    since the average begins with it; by `temporal.start` = mean the second frame is the whole."""
+    kept = replace(FILTERED, filled_holes="kept")
+    first, *rest = (light for light, _ in checkerboard_off(HALL, kept, 8))
     assert first > 0.05
     for n, light in enumerate(rest, 2):
         assert light == pytest.approx(first * 0.9 ** (n // 2), rel=1e-9)
-    at_once = dataclasses.replace(FILTERED, temporal=dataclasses.replace(FILTERED.temporal, start="mean"))
+    at_once = dataclasses.replace(kept, temporal=dataclasses.replace(FILTERED.temporal, start="mean"))
     for light, image in checkerboard_off(HALL, at_once, 4)[1:]:
         assert light < 1e-15
         assert image < 1e-15
 
 
-def test_what_a_checkerboard_adds_in_motion_is_bounded() -> None:
+@pytest.mark.parametrize(("holes", "walking", "flying"), [
+    ("replaced", [(0.106, 0.0149), (0.188, 0.035)], [(0.096, 0.0299), (0.219, 0.079)]),
+    ("kept", [(0.163, 0.037), (0.207, 0.047)], [(0.268, 0.056), (0.261, 0.082)])])
+def test_what_a_checkerboard_adds_in_motion_is_bounded(
+        holes: str, walking: list[tuple[float, float]], flying: list[tuple[float, float]]) -> None:
     """As `benchmarks/checkerboard.py` has it, small: a camera that walks 3 m/s and a lamp that flies 6 m/s, after 8 and
     16 frames, of the froxels and of the image, from 0.37 and 0.06 in the first; to a tenth of what was measured."""
     walk = [Track(path=f"camera.{name}[2]", keys=(Key(time=0, value=z), Key(time=1, value=z - 3)))
             for name, z in (("position", 0), ("target", -1))]
     flight = [Track(path="lights[1].position[0]", keys=(Key(time=0, value=-1), Key(time=1, value=5)))]
-    for tracks, expected in (
-            (walk, [(0.163, 0.037), (0.207, 0.047)]), (flight, [(0.268, 0.056), (0.261, 0.082)])):
-        found = checkerboard_off(dataclasses.replace(HALL, tracks=tuple(tracks)), FILTERED, 16)
+    for tracks, expected in ((walk, walking), (flight, flying)):
+        moving = dataclasses.replace(HALL, tracks=tuple(tracks))
+        found = checkerboard_off(moving, replace(FILTERED, filled_holes=holes), 16)
         np.testing.assert_allclose([found[7], found[15]], expected, rtol=0.1)
 
 
