@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,10 @@ from froxel_ref import blocks, culling, lighting, media
 from froxel_ref.arrays import Candidates, Field, Index, Visibility
 from froxel_ref.buffers import VBuffer
 from froxel_ref.checkerboard import lattice_froxels, lattices
+from froxel_ref.gathering import Gathered
 from froxel_ref.grid import Froxels
+from froxel_ref.grid_lights import GridLights, lights_in, relate_lights
+from froxel_ref.grid_parts import candidates_in, is_whole, part_of, slices_of
 from froxel_ref.jobs import Job, Results
 from froxel_ref.light_visibility import light_visibility
 from froxel_ref.quantities import QUANTITIES, stored_grid
@@ -26,6 +29,9 @@ from froxel_ref.scene import PointLight
 __all__ = [
     "Piece", "fog_tiling", "lobe_fields", "merged_fields", "pieces", "scattered_fields", "v_buffer", "voxel_fields",
 ]
+
+# A field of those that have half the slices with a checkerboard.
+PACKED = "media/extinction"
 
 # Froxels of a slab, about: few enough that the V-Buffer is small, enough that no time goes into beginnings.
 SLAB = 1 << 17
@@ -38,11 +44,14 @@ class Piece(NamedTuple):
     ----------
     froxels : Froxels
         Their samples.
+    box : (slice, slice, slice)
+        Where they stand in the grid.
     place : (slice, slice, slice)
         Where they stand in the fields: of a checkerboard, in those of half the slices (`froxel_ref.checkerboard`).
     """
 
     froxels: Froxels
+    box: Index
     place: Index
 
 
@@ -67,74 +76,48 @@ def pieces(job: Job) -> list[Piece]:
     """
     how = job.settings
     if not how.checkerboard:
-        found = [Piece(job.froxels, (slice(None),) * 3)]
+        depth, rows, columns = how.grid.shape
+        whole = slice(0, depth), slice(0, rows), slice(0, columns)
+        found = [Piece(job.froxels, whole, whole)]
     else:
         boxes = lattices(how.grid.shape, job.frame, parity=how.checkerboard_parity)
-        found = [Piece(lattice_froxels(job.froxels, box), (slice(None), *box[1:])) for box in boxes]
+        found = [_sublattice(job.froxels, box) for box in boxes]
     return [slab for piece in found for slab in _slabs(piece)] if how.merged else found
+
+
+def _sublattice(froxels: Froxels, box: Index) -> Piece:
+    part = lattice_froxels(froxels, box)
+    return Piece(part, box, (slice(0, len(part.depths)), *box[1:]))
 
 
 def _slabs(piece: Piece) -> list[Piece]:
     depths = piece.froxels.depths
     rows, columns = piece.froxels.rays.length.shape
     deep = max(1, SLAB // (rows * columns))
-    return [Piece(piece.froxels._replace(depths=depths[k:k + deep]),
-                  (slice(k, min(k + deep, len(depths))), *piece.place[1:])) for k in range(0, len(depths), deep)]
+    ends = [(k, min(k + deep, len(depths))) for k in range(0, len(depths), deep)]
+    return [Piece(piece.froxels._replace(depths=depths[a:b]), slices_of(piece.box, a, b),
+                  (slice(a, b), *piece.place[1:])) for a, b in ends]
 
 
 def _assembled(job: Job, parts: Sequence[Piece], make: Callable[[Piece, int | None], dict[str, Field]]
                ) -> dict[str, Field]:
     """The fields of all pieces; several pieces each on a thread of its own."""
-    if len(parts) == 1 and parts[0].place == (slice(None),) * 3:
+    if len(parts) == 1 and is_whole(parts[0].box, job.settings.grid.shape):
         return make(parts[0], job.threads)
-    made: list[dict[str, Field]] = [{}] * len(parts)
+    gathered = Gathered([part.place for part in parts], stored_grid(PACKED, job.settings).shape)
 
     def one(k: int) -> None:
-        made[k] = make(parts[k], 1)
+        for name, field in make(parts[k], 1).items():
+            gathered.add(k, name, field, spatial=QUANTITIES[name].axes.endswith("zyx"))
 
     blocks.run(one, range(len(parts)), threads=job.threads)
-    shape = stored_grid("media/extinction", job.settings).shape
-    return {name: _joined([each[name] for each in made], parts, shape) if QUANTITIES[name].axes.endswith("zyx")
-            else made[0][name] for name in made[0]}
-
-
-def _joined(fields: Sequence[Field], parts: Sequence[Piece], shape: tuple[int, int, int]) -> Field:
-    """One field of the pieces', which keeps at length 1 the axes along which none of them varies."""
-    first = fields[0]
-    if first.size == 0:
-        return first
-    if all(field.shape[-3:] == (1, 1, 1) and np.array_equal(field, first) for field in fields):
-        return first
-    if len({_column(part) for part in parts}) > 1:  # a checkerboard's slices are others in each column
-        varies = [True] * 3
-    else:  # slabs have every row and column, and may be constant each with a number of its own
-        varies = [any(field.shape[axis - 3] > 1 for field in fields) for axis in range(3)]
-        varies[0] = varies[0] or any(not np.array_equal(field, first) for field in fields)
-    extent = tuple(n if v else 1 for n, v in zip(shape, varies, strict=True))
-    result = np.zeros((*first.shape[:-3], *extent), first.dtype)
-    for field, part in zip(fields, parts, strict=True):
-        result[_index(part, extent)] = field
-    return result
-
-
-def _column(part: Piece) -> tuple[object, ...]:
-    """Which columns a piece has."""
-    return tuple((s.start, s.stop, s.step) for s in part.place[1:])
-
-
-def _index(part: Piece, extent: tuple[int, ...]) -> Any:
-    """Where a piece stands in a field, all of it along axes of length 1."""
-    begin = part.place[0].start or 0
-    z = slice(begin, begin + len(part.froxels.depths))
-    return (..., *(s if n > 1 else slice(None) for s, n in zip((z, *part.place[1:]), extent, strict=True)))
+    return gathered.fields()
 
 
 def _cut(fields: Mapping[str, Field], part: Piece) -> dict[str, Field]:
     """What fields hold of a piece."""
-    if part.place == (slice(None),) * 3:
-        return dict(fields)
-    return {name: np.ascontiguousarray(field[_index(part, field.shape[-3:])])
-            if QUANTITIES[name].axes.endswith("zyx") else field for name, field in fields.items()}
+    return {name: part_of(field, part.place) if QUANTITIES[name].axes.endswith("zyx") else field
+            for name, field in fields.items()}
 
 
 # --- the two stages, and both in one ----------------------------------------------------------------
@@ -156,14 +139,14 @@ def fog_tiling(job: Job) -> culling.Tiling:
                                tile=how.culling.tile, bins=how.culling.bins)
 
 
-def _candidates(job: Job, results: Results, kind: str, froxels: Froxels) -> Candidates | None:
+def _candidates(job: Job, results: Results, kind: str) -> Candidates | None:
     """What the lists hand to blocks; nothing where all is forced, or nothing has bounds."""
     lists = culling.Culled(*(results[f"culling/{kind}_{name}"] for name in culling.Culled._fields))
     if job.full or not len(lists.order):
         return None
     endless = [i for i, light in enumerate(job.scene.all_lights)
                if isinstance(light, PointLight) and light.falloff != "windowed"] if kind == "light" else []
-    return culling.candidates(lists, froxels, fog_tiling(job), everywhere=endless)
+    return culling.candidates(lists, job.froxels, fog_tiling(job), everywhere=endless)
 
 
 def lobe_fields(lobes: tuple[tuple[Field, float], ...], dtype: np.dtype[np.floating]) -> dict[str, Field]:
@@ -205,9 +188,23 @@ def v_buffer(results: Results) -> VBuffer:
                    results["media/phase_anisotropy"], tuple((s, float(g)) for s, g in lobes))
 
 
-def _voxelised(job: Job, results: Results, part: Piece, threads: int | None) -> dict[str, Field]:
+class _Lights(NamedTuple):
+    """What all pieces share: the lights as the grid sees them, what is left of each, and which reach a block."""
+
+    related: GridLights
+    visibility: Visibility
+    candidates: Candidates | None
+
+
+def _lights(job: Job, results: Results) -> _Lights:
+    related = relate_lights(job.scene.all_lights, job.froxels, attenuation=job.settings.attenuation,
+                            restrict=not job.full)
+    return _Lights(related, light_visibility(job, results), _candidates(job, results, "light"))
+
+
+def _voxelised(job: Job, candidates: Candidates | None, part: Piece, threads: int | None) -> dict[str, Field]:
     buffer = media.voxelise(job.scene, part.froxels, job.assets.textures, job.settings, threads=threads,
-                            candidates=_candidates(job, results, "medium", part.froxels), restrict=not job.full)
+                            candidates=candidates_in(candidates, part.box), restrict=not job.full)
     scattering = buffer.scattering
     if job.settings.albedo_at_zero == "divide":  # D1: listing 3.2 recovers σ_s from the albedo
         scattering = media.albedo_of(scattering, buffer.extinction, at_zero="divide") * buffer.extinction
@@ -223,15 +220,15 @@ def _voxelised(job: Job, results: Results, part: Piece, threads: int | None) -> 
     return fields | lobe_fields(buffer.lobes, job.dtype)
 
 
-def _scattered(job: Job, results: Results, visibility: Visibility, fields: Mapping[str, Field], part: Piece,
-               threads: int | None) -> dict[str, Field]:
+def _scattered(job: Job, lights: _Lights, fields: Mapping[str, Field], part: Piece, threads: int | None
+               ) -> dict[str, Field]:
     settings, scene = job.settings, job.scene
     light = partial(
-        lighting.in_scattering, v_buffer(fields), scene.all_lights, part.froxels, ambient=scene.ambient,
-        second_lobe=settings.second_lobe, emission=settings.emission, attenuation=settings.attenuation,
-        ambient_term=settings.ambient, visibility=visibility,
+        lighting.in_scattering, v_buffer(fields), lights_in(lights.related, part.box), part.froxels,
+        ambient=scene.ambient, second_lobe=settings.second_lobe, emission=settings.emission,
+        attenuation=settings.attenuation, ambient_term=settings.ambient, visibility=lights.visibility,
         exposure=job.exposure, threads=threads,
-        candidates=_candidates(job, results, "light", part.froxels), restrict=not job.full,
+        candidates=candidates_in(lights.candidates, part.box), restrict=not job.full,
         anisotropy_span=media.anisotropy_span((*scene.global_media, *scene.local_media), settings))
     made = {"lighting/in_scattering": light(phase_function=settings.phase_function)}
     if settings.temporal.filter == "unphased":
@@ -255,7 +252,8 @@ def voxel_fields(job: Job, results: Results) -> dict[str, Field]:
     dict of str to Field
         ``media/…``; of a checkerboard with half the slices.
     """
-    return _assembled(job, pieces(job), lambda part, threads: _voxelised(job, results, part, threads))
+    candidates = _candidates(job, results, "medium")
+    return _assembled(job, pieces(job), lambda part, threads: _voxelised(job, candidates, part, threads))
 
 
 def scattered_fields(job: Job, results: Results) -> dict[str, Field]:
@@ -272,10 +270,10 @@ def scattered_fields(job: Job, results: Results) -> dict[str, Field]:
     dict of str to Field
         ``lighting/…``; of a checkerboard with half the slices.
     """
-    visibility = light_visibility(job, results)
+    lights = _lights(job, results)
     buffer = {name: field for name, field in results.items() if name.startswith("media/")}
     return _assembled(job, pieces(job), lambda part, threads: _scattered(
-        job, results, visibility, _cut(buffer, part), part, threads))
+        job, lights, _cut(buffer, part), part, threads))
 
 
 def merged_fields(job: Job, results: Results) -> dict[str, Field]:
@@ -294,11 +292,10 @@ def merged_fields(job: Job, results: Results) -> dict[str, Field]:
     """
     if not job.settings.merged:  # forced, but not to what was switched off
         return {}
-    visibility = light_visibility(job, results)
+    candidates, lights = _candidates(job, results, "medium"), _lights(job, results)
 
     def make(part: Piece, threads: int | None) -> dict[str, Field]:
-        fields = _voxelised(job, results, part, threads)
-        return {"media/extinction": fields["media/extinction"],
-                **_scattered(job, results, visibility, fields, part, threads)}
+        fields = _voxelised(job, candidates, part, threads)
+        return {"media/extinction": fields["media/extinction"], **_scattered(job, lights, fields, part, threads)}
 
     return _assembled(job, pieces(job), make)

@@ -18,8 +18,9 @@ from froxel_ref import blocks
 from froxel_ref.arrays import Candidates, Field, Visibility
 from froxel_ref.buffers import VBuffer
 from froxel_ref.grid import Froxels, froxel_points
+from froxel_ref.grid_lights import GridLights, relate_lights
 from froxel_ref.lamp_batches import add_lamps
-from froxel_ref.lamps import Lamps, Lobe, channels, make_lobe, part, prefactor, relate_lamps
+from froxel_ref.lamps import Lamps, Lobe, channels, make_lamps, make_lobe, part, prefactor
 from froxel_ref.phase import (
     PHASE,
     cornette_shanks,
@@ -32,9 +33,9 @@ from froxel_ref.phase import (
     versine,
 )
 from froxel_ref.records import InputError, suggest
-from froxel_ref.scene import DirectionalLight, Light, Rgb
+from froxel_ref.scene import Light, Rgb
 from froxel_ref.settings import SWITCHES, SecondLobe
-from froxel_ref.sun_rays import SunRays, sun_light, sun_rays
+from froxel_ref.sun_rays import SunRays, sun_light
 
 __all__ = [
     "PHASE", "cornette_shanks", "henyey_greenstein", "in_scattering", "isotropic", "phase",
@@ -59,7 +60,7 @@ class Job(NamedTuple):
     froxels: Froxels
     vbuffer: VBuffer
     lobes: list[Lobe]
-    suns: list[SunRays]
+    suns: Sequence[SunRays]
     ambient: Field
     lamps: Lamps
     emission: str
@@ -68,7 +69,7 @@ class Job(NamedTuple):
 
 
 def in_scattering(
-    vbuffer: VBuffer, lights: Sequence[Light], froxels: Froxels, *, ambient: Rgb = (0.0, 0.0, 0.0),
+    vbuffer: VBuffer, lights: Sequence[Light] | GridLights, froxels: Froxels, *, ambient: Rgb = (0.0, 0.0, 0.0),
     phase_function: str = "henyey_greenstein", second_lobe: SecondLobe | None = None,
     emission: str = "per_metre", attenuation: str = "min_distance", ambient_term: str = "scene",
     exposure: float = 1.0, visibility: Visibility | None = None, candidates: Candidates | None = None,
@@ -81,8 +82,9 @@ def in_scattering(
     ----------
     vbuffer : VBuffer
         Scattering, extinction, emission and phase anisotropy at the samples of ``froxels``, in its dtype.
-    lights : sequence of Light
-        All lights; their positions in it are the indices of ``visibility``.
+    lights : sequence of Light, or GridLights
+        All lights; their positions in it are the indices of ``visibility``. Or these as ``froxels`` see them, of
+        which several parts of a grid need not be told anew (`froxel_ref.grid_lights`).
     froxels : Froxels
         The grid; float64 or float32, which the result has too.
     ambient : (float, float, float) [W m⁻² sr⁻¹]
@@ -155,15 +157,14 @@ def in_scattering(
         raise InputError("phase_function", f"is {phase_function!r}; {suggest(phase_function, PHASE)}")
     dtype = froxels.depths.dtype
     lobes = _lobes(vbuffer, phase_function, second_lobe, dtype, anisotropy_span)
-    suns = [sun_rays(i, light, froxels.rays) for i, light in enumerate(lights)
-            if isinstance(light, DirectionalLight)]
-    local = {i: light for i, light in enumerate(lights) if not isinstance(light, DirectionalLight)}
+    related = lights if isinstance(lights, GridLights) else relate_lights(lights, froxels, attenuation=attenuation,
+                                                                          restrict=restrict)
     hidden = visibility or {}
     sky = (CONSTANT_AMBIENT,) * 3 if ambient_term == "constant" else ambient
     job = Job(
-        froxels=froxels, vbuffer=vbuffer, lobes=lobes, suns=suns, ambient=channels(sky, dtype), emission=emission,
-        lamps=relate_lamps(local, lobes, froxels, attenuation=attenuation, restrict=restrict, visibility=hidden,
-                           candidates=candidates),
+        froxels=froxels, vbuffer=vbuffer, lobes=lobes, suns=related.suns, ambient=channels(sky, dtype),
+        emission=emission, lamps=make_lamps(related.lamps, lobes, froxels, visibility=hidden,
+                                            candidates=candidates if restrict else None),
         exposure=exposure, visibility=hidden)
     skies = [None if _along_z(job, lobe) else _sky(job, lobe, lobe.g) for lobe in lobes]
     shape = _shape(job, skies)
