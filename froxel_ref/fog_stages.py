@@ -17,7 +17,7 @@ from froxel_ref import blocks, culling, lighting, media
 from froxel_ref.arrays import Candidates, Field, Index, Visibility
 from froxel_ref.buffers import VBuffer
 from froxel_ref.checkerboard import lattice_froxels, lattices
-from froxel_ref.gathering import Gathered
+from froxel_ref.gathering import Gathered, Room
 from froxel_ref.grid import Froxels
 from froxel_ref.grid_lights import GridLights, lights_in, relate_lights
 from froxel_ref.grid_parts import candidates_in, is_whole, part_of, slices_of
@@ -93,21 +93,27 @@ def _sublattice(froxels: Froxels, box: Index) -> Piece:
 def _slabs(piece: Piece) -> list[Piece]:
     depths = piece.froxels.depths
     rows, columns = piece.froxels.rays.length.shape
-    deep = max(1, SLAB // (rows * columns))
+    deep = max(2, SLAB // (rows * columns))  # of two slices it can be seen whether they differ (`Gathered.room`)
     ends = [(k, min(k + deep, len(depths))) for k in range(0, len(depths), deep)]
     return [Piece(piece.froxels._replace(depths=depths[a:b]), slices_of(piece.box, a, b),
                   (slice(a, b), *piece.place[1:])) for a, b in ends]
 
 
-def _assembled(job: Job, parts: Sequence[Piece], make: Callable[[Piece, int | None], dict[str, Field]]
-               ) -> dict[str, Field]:
+class _Run(NamedTuple):
+    """How a piece is worked on: on how many threads, and where its fields by name find room."""
+
+    threads: int | None
+    room: Callable[[str], Room]
+
+
+def _assembled(job: Job, parts: Sequence[Piece], make: Callable[[Piece, _Run], dict[str, Field]]) -> dict[str, Field]:
     """The fields of all pieces; several pieces each on a thread of its own."""
     if len(parts) == 1 and is_whole(parts[0].box, job.settings.grid.shape):
-        return make(parts[0], job.threads)
+        return make(parts[0], _Run(job.threads, lambda name: np.empty))
     gathered = Gathered([part.place for part in parts], stored_grid(PACKED, job.settings).shape)
 
     def one(k: int) -> None:
-        for name, field in make(parts[k], 1).items():
+        for name, field in make(parts[k], _Run(1, partial(gathered.room, k))).items():
             gathered.add(k, name, field, spatial=QUANTITIES[name].axes.endswith("zyx"))
 
     blocks.run(one, range(len(parts)), threads=job.threads)
@@ -202,8 +208,8 @@ def _lights(job: Job, results: Results) -> _Lights:
     return _Lights(related, light_visibility(job, results), _candidates(job, results, "light"))
 
 
-def _voxelised(job: Job, candidates: Candidates | None, part: Piece, threads: int | None) -> dict[str, Field]:
-    buffer = media.voxelise(job.scene, part.froxels, job.assets.textures, job.settings, threads=threads,
+def _voxelised(job: Job, candidates: Candidates | None, part: Piece, run: _Run) -> dict[str, Field]:
+    buffer = media.voxelise(job.scene, part.froxels, job.assets.textures, job.settings, threads=run.threads,
                             candidates=candidates_in(candidates, part.box), restrict=not job.full)
     scattering = buffer.scattering
     if job.settings.albedo_at_zero == "divide":  # D1: listing 3.2 recovers σ_s from the albedo
@@ -220,19 +226,20 @@ def _voxelised(job: Job, candidates: Candidates | None, part: Piece, threads: in
     return fields | lobe_fields(buffer.lobes, job.dtype)
 
 
-def _scattered(job: Job, lights: _Lights, fields: Mapping[str, Field], part: Piece, threads: int | None
+def _scattered(job: Job, lights: _Lights, fields: Mapping[str, Field], part: Piece, run: _Run
                ) -> dict[str, Field]:
     settings, scene = job.settings, job.scene
     light = partial(
         lighting.in_scattering, v_buffer(fields), lights_in(lights.related, part.box), part.froxels,
         ambient=scene.ambient, second_lobe=settings.second_lobe, emission=settings.emission,
         attenuation=settings.attenuation, ambient_term=settings.ambient, visibility=lights.visibility,
-        exposure=job.exposure, threads=threads,
+        exposure=job.exposure, threads=run.threads,
         candidates=candidates_in(lights.candidates, part.box), restrict=not job.full,
         anisotropy_span=media.anisotropy_span((*scene.global_media, *scene.local_media), settings))
-    made = {"lighting/in_scattering": light(phase_function=settings.phase_function)}
+    made = {"lighting/in_scattering": light(phase_function=settings.phase_function,
+                                            room=run.room("lighting/in_scattering"))}
     if settings.temporal.filter == "unphased":
-        made["lighting/unphased"] = light(phase_function="isotropic")
+        made["lighting/unphased"] = light(phase_function="isotropic", room=run.room("lighting/unphased"))
     else:
         made["lighting/unphased"] = np.zeros((3, 0, 0, 0), job.dtype)
     return made
@@ -253,7 +260,7 @@ def voxel_fields(job: Job, results: Results) -> dict[str, Field]:
         ``media/…``; of a checkerboard with half the slices.
     """
     candidates = _candidates(job, results, "medium")
-    return _assembled(job, pieces(job), lambda part, threads: _voxelised(job, candidates, part, threads))
+    return _assembled(job, pieces(job), lambda part, run: _voxelised(job, candidates, part, run))
 
 
 def scattered_fields(job: Job, results: Results) -> dict[str, Field]:
@@ -272,8 +279,7 @@ def scattered_fields(job: Job, results: Results) -> dict[str, Field]:
     """
     lights = _lights(job, results)
     buffer = {name: field for name, field in results.items() if name.startswith("media/")}
-    return _assembled(job, pieces(job), lambda part, threads: _scattered(
-        job, lights, _cut(buffer, part), part, threads))
+    return _assembled(job, pieces(job), lambda part, run: _scattered(job, lights, _cut(buffer, part), part, run))
 
 
 def merged_fields(job: Job, results: Results) -> dict[str, Field]:
@@ -294,8 +300,8 @@ def merged_fields(job: Job, results: Results) -> dict[str, Field]:
         return {}
     candidates, lights = _candidates(job, results, "medium"), _lights(job, results)
 
-    def make(part: Piece, threads: int | None) -> dict[str, Field]:
-        fields = _voxelised(job, candidates, part, threads)
-        return {"media/extinction": fields["media/extinction"], **_scattered(job, lights, fields, part, threads)}
+    def make(part: Piece, run: _Run) -> dict[str, Field]:
+        fields = _voxelised(job, candidates, part, run)
+        return {"media/extinction": fields["media/extinction"], **_scattered(job, lights, fields, part, run)}
 
     return _assembled(job, pieces(job), make)

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from froxel_ref.arrays import Field, Index
 from froxel_ref.grid_parts import part_of
 
-__all__ = ["Gathered"]
+__all__ = ["Gathered", "Room"]
+
+Room: TypeAlias = Callable[[tuple[int, ...], "np.dtype[np.floating[Any]]"], Field]
+"""Makes room for an array of a shape and type, whatever it holds at first: ``numpy.empty``, or a place in a field."""
 
 
 class Gathered:
@@ -64,6 +68,35 @@ class Gathered:
             if made.spatial:
                 self._put(made, part, field)
 
+    def room(self, part: int, name: str) -> Room:
+        """What makes room for a part of a field.
+
+        Parameters
+        ----------
+        part : int
+            Its number among the places.
+        name : str
+            Of the field.
+
+        Returns
+        -------
+        callable
+            Gives the part's place in the whole, if its shape says that the field varies along all axes; to be added
+            nevertheless, when it is filled.
+        """
+        def make(shape: tuple[int, ...], dtype: np.dtype[np.floating[Any]]) -> Field:
+            extent = tuple(len(range(n)[r]) for n, r in zip(self._shape, self._places[part], strict=True))
+            if shape[-3:] != extent or 1 in extent:
+                return np.empty(shape, dtype)
+            with self._lock:
+                made = self._made.setdefault(name, _Field(np.empty((*shape[:-3], 0, 0, 0), dtype), True))
+                if made.whole is None:
+                    made.lay_out(self._shape, self._places)
+                assert made.whole is not None
+                return part_of(made.whole, self._places[part])
+
+        return make
+
     def fields(self) -> dict[str, Field]:
         """The fields of the grid.
 
@@ -80,7 +113,7 @@ class Gathered:
             made.look_at(field, self._slabs)
             if all(varies or n == 1 for varies, n in zip(made.varies, self._shape, strict=True)) and any(made.varies):
                 made.lay_out(self._shape, self._places)
-        else:
+        elif not np.may_share_memory(field, made.whole):  # else it was written to its place
             part_of(made.whole, self._places[part])[...] = field
 
     def _whole(self, made: _Field) -> Field:

@@ -17,6 +17,7 @@ import numpy as np
 from froxel_ref import blocks
 from froxel_ref.arrays import Candidates, Field, Visibility
 from froxel_ref.buffers import VBuffer
+from froxel_ref.gathering import Room
 from froxel_ref.grid import Froxels, froxel_points
 from froxel_ref.grid_lights import GridLights, relate_lights
 from froxel_ref.lamp_batches import add_lamps
@@ -74,7 +75,7 @@ def in_scattering(
     emission: str = "per_metre", attenuation: str = "min_distance", ambient_term: str = "scene",
     exposure: float = 1.0, visibility: Visibility | None = None, candidates: Candidates | None = None,
     anisotropy_span: tuple[float, float] | None = None,
-    threads: int | None = None, block_size: int | None = None, restrict: bool = True,
+    threads: int | None = None, block_size: int | None = None, restrict: bool = True, room: Room = np.empty,
 ) -> Field:
     """Sum the light that each froxel scatters, or emits, towards the camera.
 
@@ -116,6 +117,8 @@ def in_scattering(
         depend on it.
     restrict : bool
         Whether to skip what a light does not reach; the result does not depend on it.
+    room : callable
+        Makes room for the result.
 
     Returns
     -------
@@ -168,7 +171,7 @@ def in_scattering(
         exposure=exposure, visibility=hidden)
     skies = [None if _along_z(job, lobe) else _sky(job, lobe, lobe.g) for lobe in lobes]
     shape = _shape(job, skies)
-    result = np.empty((3, *shape), dtype)
+    result = room((3, *shape), dtype)
     memory = threading.local()
     block_size = block_size or OPERAND // result.itemsize
     blocks.run(lambda part: _fill(job, skies, result, memory, *part), blocks.blocks(*shape, size=block_size),
@@ -233,7 +236,8 @@ def _fill(job: Job, whole: Sequence[Field | None], result: Field, memory: thread
     """Work out one block of the result; ``whole`` is each lobe's `_sky`, None where it varies along z."""
     with np.errstate(over="ignore", under="ignore"):  # what overflows lies beyond a light's window
         target = result[:, z, y]
-        lights = [target] + [np.empty_like(target) for _ in job.lobes[1:]]
+        first = target if target.strides[-1] == target.itemsize else np.empty(target.shape, target.dtype)
+        lights = [first] + [np.empty_like(first) for _ in job.lobes[1:]]
         skies = [_block_sky(job, lobe, z, y) if sky is None else part(sky, z, y)
                  for lobe, sky in zip(job.lobes, whole, strict=True)]
         for lobe, sky, light in zip(job.lobes, skies, lights, strict=True):
@@ -248,11 +252,13 @@ def _fill(job: Job, whole: Sequence[Field | None], result: Field, memory: thread
                 light += part(job.vbuffer.emission, z, y)
             light *= part(lobe.scattering, z, y)
         for light in lights[1:]:
-            target += light
+            first += light
         if job.emission != "published":
-            target += part(job.vbuffer.emission, z, y)
+            first += part(job.vbuffer.emission, z, y)
         if job.exposure != 1.0:
-            target *= job.exposure
+            first *= job.exposure
+        if first is not target:  # of a field that has other parts' samples between these
+            target[...] = first
 
 
 def _block_sky(job: Job, lobe: Lobe, z: slice, y: slice) -> Field:
