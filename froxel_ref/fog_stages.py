@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,23 +18,29 @@ from froxel_ref import blocks, culling, lighting, media
 from froxel_ref.arrays import Candidates, Field, Index, Visibility
 from froxel_ref.buffers import VBuffer
 from froxel_ref.checkerboard import lattice_froxels, lattices
+from froxel_ref.gathering import Gathered, Room
 from froxel_ref.grid import Froxels
+from froxel_ref.grid_lights import GridLights, lights_in, relate_lights
+from froxel_ref.grid_parts import candidates_in, is_whole, part_of, slices_of
 from froxel_ref.jobs import Job, Results
 from froxel_ref.light_visibility import light_visibility
 from froxel_ref.quantities import QUANTITIES, stored_grid
 from froxel_ref.scene import PointLight
 
 __all__ = [
-    "FILTERED", "Piece", "assembled", "fog_tiling", "lobe_fields", "merged_fields", "pieces", "scattered_fields",
+    "FILTERED", "Piece", "Run", "assembled", "fog_tiling", "lobe_fields", "merged_fields", "pieces", "scattered_fields",
     "v_buffer", "voxel_fields",
 ]
 
+FILTERED = ("material/scattering", "material/extinction", "material/emission", "material/phase_anisotropy",
+            "material/lobe_scattering", "material/lobe_anisotropy")
+"""The V-Buffer as it is filtered over frames (`froxel_ref.material_stage`), which is of the whole grid."""
+
+# A field of those that have half the slices with a checkerboard.
+PACKED = "media/extinction"
+
 # Froxels of a slab, about: few enough that the V-Buffer is small, enough that no time goes into beginnings.
 SLAB = 1 << 17
-
-FILTERED = tuple(f"material/{name}" for name in (
-    "scattering", "extinction", "emission", "phase_anisotropy", "lobe_scattering", "lobe_anisotropy"))
-"""The V-Buffer as filtered over frames (`froxel_ref.material_stage`)."""
 
 
 class Piece(NamedTuple):
@@ -44,15 +50,15 @@ class Piece(NamedTuple):
     ----------
     froxels : Froxels
         Their samples.
+    box : (slice, slice, slice)
+        Where they stand in the grid.
     place : (slice, slice, slice)
         Where they stand in the fields: of a checkerboard, in those of half the slices (`froxel_ref.checkerboard`).
-    box : (slice, slice, slice)
-        Where they lie in the whole grid.
     """
 
     froxels: Froxels
-    place: Index
     box: Index
+    place: Index
 
 
 def pieces(job: Job, froxels: Froxels | None = None) -> list[Piece]:
@@ -62,7 +68,7 @@ def pieces(job: Job, froxels: Froxels | None = None) -> list[Piece]:
     ----------
     job : Job
     froxels : Froxels, optional
-        The whole grid; with this frame's samples unless given.
+        Of the whole grid; with this frame's samples unless given.
 
     Returns
     -------
@@ -76,27 +82,47 @@ def pieces(job: Job, froxels: Froxels | None = None) -> list[Piece]:
     >>> [len(pieces(Job(Scene(), Settings(checkerboard=half), None))) for half in (False, True)]
     [1, 4]
     """
-    how, whole = job.settings, job.froxels if froxels is None else froxels
+    how, froxels = job.settings, job.froxels if froxels is None else froxels
     if not how.checkerboard:
-        found = [Piece(whole, (slice(None),) * 3, (slice(None),) * 3)]
+        depth, rows, columns = how.grid.shape
+        whole = slice(0, depth), slice(0, rows), slice(0, columns)
+        found = [Piece(froxels, whole, whole)]
     else:
         boxes = lattices(how.grid.shape, job.frame, parity=how.checkerboard_parity)
-        found = [Piece(lattice_froxels(whole, box), (slice(None), *box[1:]), box) for box in boxes]
+        found = [_sublattice(froxels, box) for box in boxes]
     return [slab for piece in found for slab in _slabs(piece)] if how.merged else found
+
+
+def _sublattice(froxels: Froxels, box: Index) -> Piece:
+    part = lattice_froxels(froxels, box)
+    return Piece(part, box, (slice(0, len(part.depths)), *box[1:]))
 
 
 def _slabs(piece: Piece) -> list[Piece]:
     depths = piece.froxels.depths
     rows, columns = piece.froxels.rays.length.shape
-    deep = max(1, SLAB // (rows * columns))
-    first, step = piece.box[0].start or 0, piece.box[0].step or 1
+    deep = max(2, SLAB // (rows * columns))  # of two slices it can be seen whether they differ (`Gathered.room`)
     ends = [(k, min(k + deep, len(depths))) for k in range(0, len(depths), deep)]
-    return [Piece(piece.froxels._replace(depths=depths[k:end]), (slice(k, end), *piece.place[1:]),
-                  (slice(first + step * k, first + step * (end - 1) + 1, step), *piece.box[1:])) for k, end in ends]
+    return [Piece(piece.froxels._replace(depths=depths[a:b]), slices_of(piece.box, a, b),
+                  (slice(a, b), *piece.place[1:])) for a, b in ends]
 
 
-def assembled(job: Job, parts: Sequence[Piece], make: Callable[[Piece, int | None], dict[str, Field]]
-              ) -> dict[str, Field]:
+class Run(NamedTuple):
+    """How a piece is worked on.
+
+    Attributes
+    ----------
+    threads : int or None
+        On how many threads.
+    room : callable
+        Where a field of this name finds room: a function of shape and type.
+    """
+
+    threads: int | None
+    room: Callable[[str], Room]
+
+
+def assembled(job: Job, parts: Sequence[Piece], make: Callable[[Piece, Run], dict[str, Field]]) -> dict[str, Field]:
     """Make the fields of all pieces, several pieces each on a thread of its own.
 
     Parameters
@@ -104,63 +130,29 @@ def assembled(job: Job, parts: Sequence[Piece], make: Callable[[Piece, int | Non
     job : Job
     parts : sequence of Piece
     make : callable
-        Given a piece and a number of threads, its fields by result name.
+        Given a piece and how to work on it, its fields by result name.
 
     Returns
     -------
     dict of str to Field
         As stored: of a checkerboard with half the slices.
     """
-    if len(parts) == 1 and parts[0].place == (slice(None),) * 3:
-        return make(parts[0], job.threads)
-    made: list[dict[str, Field]] = [{}] * len(parts)
+    if len(parts) == 1 and is_whole(parts[0].box, job.settings.grid.shape):
+        return make(parts[0], Run(job.threads, lambda name: np.empty))
+    gathered = Gathered([part.place for part in parts], stored_grid(PACKED, job.settings).shape)
 
     def one(k: int) -> None:
-        made[k] = make(parts[k], 1)
+        for name, field in make(parts[k], Run(1, partial(gathered.room, k))).items():
+            gathered.add(k, name, field, spatial=QUANTITIES[name].axes.endswith("zyx"))
 
     blocks.run(one, range(len(parts)), threads=job.threads)
-    shape = stored_grid("media/extinction", job.settings).shape
-    return {name: _joined([each[name] for each in made], parts, shape) if QUANTITIES[name].axes.endswith("zyx")
-            else made[0][name] for name in made[0]}
+    return gathered.fields()
 
 
-def _joined(fields: Sequence[Field], parts: Sequence[Piece], shape: tuple[int, int, int]) -> Field:
-    """One field of the pieces', which keeps at length 1 the axes along which none of them varies."""
-    first = fields[0]
-    if first.size == 0:
-        return first
-    if all(field.shape[-3:] == (1, 1, 1) and np.array_equal(field, first) for field in fields):
-        return first
-    if len({_column(part) for part in parts}) > 1:  # a checkerboard's slices are others in each column
-        varies = [True] * 3
-    else:  # slabs have every row and column, and may be constant each with a number of its own
-        varies = [any(field.shape[axis - 3] > 1 for field in fields) for axis in range(3)]
-        varies[0] = varies[0] or any(not np.array_equal(field, first) for field in fields)
-    extent = tuple(n if v else 1 for n, v in zip(shape, varies, strict=True))
-    result = np.zeros((*first.shape[:-3], *extent), first.dtype)
-    for field, part in zip(fields, parts, strict=True):
-        result[_index(part, extent)] = field
-    return result
-
-
-def _column(part: Piece) -> tuple[object, ...]:
-    """Which columns a piece has."""
-    return tuple((s.start, s.stop, s.step) for s in part.place[1:])
-
-
-def _index(part: Piece, extent: tuple[int, ...]) -> Any:
-    """Where a piece stands in a field, all of it along axes of length 1."""
-    begin, step = part.place[0].start or 0, part.place[0].step or 1
-    z = slice(begin, begin + step * (len(part.froxels.depths) - 1) + 1, step)
-    return (..., *(s if n > 1 else slice(None) for s, n in zip((z, *part.place[1:]), extent, strict=True)))
-
-
-def _cut(fields: Mapping[str, Field], part: Piece) -> dict[str, Field]:
+def _cut(fields: Mapping[str, Field], place: Index) -> dict[str, Field]:
     """What fields hold of a piece."""
-    if part.place == (slice(None),) * 3:
-        return dict(fields)
-    return {name: np.ascontiguousarray(field[_index(part, field.shape[-3:])])
-            if QUANTITIES[name].axes.endswith("zyx") else field for name, field in fields.items()}
+    return {name: part_of(field, place) if QUANTITIES[name].axes.endswith("zyx") else field
+            for name, field in fields.items()}
 
 
 # --- the two stages, and both in one ----------------------------------------------------------------
@@ -231,9 +223,23 @@ def v_buffer(results: Results) -> VBuffer:
                    results["media/phase_anisotropy"], tuple((s, float(g)) for s, g in lobes))
 
 
-def _voxelised(job: Job, results: Results, part: Piece, threads: int | None) -> dict[str, Field]:
-    buffer = media.voxelise(job.scene, part.froxels, job.assets.textures, job.settings, threads=threads,
-                            candidates=_candidates(job, results, "medium", part.froxels), restrict=not job.full)
+class _Lights(NamedTuple):
+    """What all pieces share: the lights as the grid sees them, what is left of each, and which reach a block."""
+
+    related: GridLights
+    visibility: Visibility
+    candidates: Candidates | None
+
+
+def _lights(job: Job, results: Results, froxels: Froxels) -> _Lights:
+    related = relate_lights(job.scene.all_lights, froxels, attenuation=job.settings.attenuation,
+                            restrict=not job.full)
+    return _Lights(related, light_visibility(job, results), _candidates(job, results, "light", froxels))
+
+
+def _voxelised(job: Job, candidates: Candidates | None, part: Piece, run: Run) -> dict[str, Field]:
+    buffer = media.voxelise(job.scene, part.froxels, job.assets.textures, job.settings, threads=run.threads,
+                            candidates=candidates_in(candidates, part.box), restrict=not job.full)
     scattering = buffer.scattering
     if job.settings.albedo_at_zero == "divide":  # D1: listing 3.2 recovers σ_s from the albedo
         scattering = media.albedo_of(scattering, buffer.extinction, at_zero="divide") * buffer.extinction
@@ -249,20 +255,21 @@ def _voxelised(job: Job, results: Results, part: Piece, threads: int | None) -> 
     return fields | lobe_fields(buffer.lobes, job.dtype)
 
 
-def _scattered(job: Job, results: Results, visibility: Visibility, fields: Mapping[str, Field], part: Piece,
-               threads: int | None, *, known: Mapping[int, Field] = MappingProxyType({}),
-               span: tuple[float, float] | None = None) -> dict[str, Field]:
+def _scattered(job: Job, lights: _Lights, fields: Mapping[str, Field], part: Piece, run: Run, *,
+               known: Mapping[int, Field] = MappingProxyType({}), span: tuple[float, float] | None = None
+               ) -> dict[str, Field]:
     settings, scene = job.settings, job.scene
     light = partial(
-        lighting.in_scattering, v_buffer(fields), scene.all_lights, part.froxels, ambient=scene.ambient,
-        second_lobe=settings.second_lobe, emission=settings.emission, attenuation=settings.attenuation,
-        ambient_term=settings.ambient, visibility=visibility, known_visibility=known,
-        exposure=job.exposure, threads=threads,
-        candidates=_candidates(job, results, "light", part.froxels), restrict=not job.full,
+        lighting.in_scattering, v_buffer(fields), lights_in(lights.related, part.box), part.froxels,
+        ambient=scene.ambient, second_lobe=settings.second_lobe, emission=settings.emission,
+        attenuation=settings.attenuation, ambient_term=settings.ambient, visibility=lights.visibility,
+        known_visibility=known, exposure=job.exposure, threads=run.threads,
+        candidates=candidates_in(lights.candidates, part.box), restrict=not job.full,
         anisotropy_span=span or media.anisotropy_span((*scene.global_media, *scene.local_media), settings))
-    made = {"lighting/in_scattering": light(phase_function=settings.phase_function)}
+    made = {"lighting/in_scattering": light(phase_function=settings.phase_function,
+                                            room=run.room("lighting/in_scattering"))}
     if settings.temporal.filter == "unphased":
-        made["lighting/unphased"] = light(phase_function="isotropic")
+        made["lighting/unphased"] = light(phase_function="isotropic", room=run.room("lighting/unphased"))
     else:
         made["lighting/unphased"] = np.zeros((3, 0, 0, 0), job.dtype)
     return made
@@ -282,7 +289,8 @@ def voxel_fields(job: Job, results: Results) -> dict[str, Field]:
     dict of str to Field
         ``media/…``; of a checkerboard with half the slices.
     """
-    return assembled(job, pieces(job), lambda part, threads: _voxelised(job, results, part, threads))
+    candidates = _candidates(job, results, "medium", job.froxels)
+    return assembled(job, pieces(job), lambda part, run: _voxelised(job, candidates, part, run))
 
 
 def scattered_fields(job: Job, results: Results) -> dict[str, Field]:
@@ -292,23 +300,23 @@ def scattered_fields(job: Job, results: Results) -> dict[str, Field]:
     ----------
     job : Job
     results : mapping of str to Field
-        With ``media/…``, ``material/…``, lists of lights, maps.
+        With ``media/…`` or, where it is filtered, ``material/…``; lists of lights, maps.
 
     Returns
     -------
     dict of str to Field
         ``lighting/…``; of a checkerboard with half the slices.
     """
-    visibility = light_visibility(job, results)
     if results["material/extinction"].size:
-        return _relit_fields(job, results, visibility)
+        return _relit_fields(job, results)
+    lights = _lights(job, results, job.froxels)
     buffer = {name: field for name, field in results.items() if name.startswith("media/")}
-    return assembled(job, pieces(job), lambda part, threads: _scattered(
-        job, results, visibility, _cut(buffer, part), part, threads))
+    return assembled(job, pieces(job), lambda part, run: _scattered(job, lights, _cut(buffer, part.place), part, run))
 
 
-def _relit_fields(job: Job, results: Results, visibility: Visibility) -> dict[str, Field]:
+def _relit_fields(job: Job, results: Results) -> dict[str, Field]:
     """In-scattering at the froxels' middles, from the filtered V-Buffer and a sun's filtered visibility."""
+    lights = _lights(job, results, job.centres)
     buffer = {f"media/{name.removeprefix('material/')}": field for name, field in results.items()
               if name in FILTERED}
     sun = {int(number): results["material/sun_visibility"] for number in results["material/sun_light"]}
@@ -316,11 +324,9 @@ def _relit_fields(job: Job, results: Results, visibility: Visibility) -> dict[st
     low, high = media.anisotropy_span((*job.scene.global_media, *job.scene.local_media), job.settings)
     span = min(low, float(g.min())), max(high, float(g.max()))  # history may hold what the scene has no more
 
-    def make(part: Piece, threads: int | None) -> dict[str, Field]:
-        whole = part._replace(place=part.box)  # these have no holes
-        known = {number: _cut({"material/sun_visibility": field}, whole)["material/sun_visibility"]
-                 for number, field in sun.items()}
-        return _scattered(job, results, visibility, _cut(buffer, whole), part, threads, known=known, span=span)
+    def make(part: Piece, run: Run) -> dict[str, Field]:
+        known = {number: part_of(field, part.box) for number, field in sun.items()}
+        return _scattered(job, lights, _cut(buffer, part.box), part, run, known=known, span=span)
 
     return assembled(job, pieces(job, job.centres), make)
 
@@ -341,11 +347,10 @@ def merged_fields(job: Job, results: Results) -> dict[str, Field]:
     """
     if not job.settings.merged:  # forced, but not to what was switched off
         return {}
-    visibility = light_visibility(job, results)
+    candidates, lights = _candidates(job, results, "medium", job.froxels), _lights(job, results, job.froxels)
 
-    def make(part: Piece, threads: int | None) -> dict[str, Field]:
-        fields = _voxelised(job, results, part, threads)
-        return {"media/extinction": fields["media/extinction"],
-                **_scattered(job, results, visibility, fields, part, threads)}
+    def make(part: Piece, run: Run) -> dict[str, Field]:
+        fields = _voxelised(job, candidates, part, run)
+        return {"media/extinction": fields["media/extinction"], **_scattered(job, lights, fields, part, run)}
 
     return assembled(job, pieces(job), make)

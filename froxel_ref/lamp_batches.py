@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from froxel_ref.arrays import Field, Index
 from froxel_ref.grid import froxel_points
+from froxel_ref.grid_parts import whole_slice
 from froxel_ref.lamps import Lamps, Lobe, part
 from froxel_ref.light_rays import ConeRays, rects
 from froxel_ref.lights import seen
@@ -80,7 +81,7 @@ def add_lamps(lamps: Lamps, lobes: Sequence[Lobe], lights: Sequence[Field], memo
     Parameters
     ----------
     lamps : Lamps
-        From `relate_lamps`, for the same lobes.
+        From `make_lamps`, for the same lobes.
     lobes : sequence of Lobe
         The parts of the medium.
     lights : sequence of Field, shape (3, d, h, W) [W m⁻² sr⁻¹]
@@ -100,14 +101,14 @@ def add_lamps(lamps: Lamps, lobes: Sequence[Lobe], lights: Sequence[Field], memo
     --------
     >>> from math import pi
     >>> from froxel_ref.grid import make_froxels
-    >>> from froxel_ref.lamps import make_lobe, relate_lamps
+    >>> from froxel_ref.lamps import make_lamps, make_lobe, relate_lamps
     >>> from froxel_ref.scene import Camera, PointLight
     >>> from froxel_ref.settings import Grid
     >>> froxels = make_froxels(Camera(), Grid(width=3, height=3, depth=4))
     >>> lobe = make_lobe(np.ones((3, 1, 1, 1)), 1.0, True, "isotropic", 0.0, np.dtype(float))
     >>> lamp = PointLight(position=(0.0, 1.7, -6.0), intensity=(1.0, 1.0, 1.0), falloff="inverse_square")
-    >>> lamps = relate_lamps({0: lamp}, [lobe], froxels, attenuation="min_distance", restrict=True,
-    ...                      visibility={})
+    >>> related = relate_lamps({0: lamp}, froxels, attenuation="min_distance", restrict=True)
+    >>> lamps = make_lamps(related, [lobe], froxels, visibility={})
     >>> light = np.zeros((3, 4, 3, 3))
     >>> add_lamps(lamps, [lobe], [light], threading.local(), slice(0, 4), slice(0, 3))
     >>> distance = 6.0 - froxels.depths[0, 0, 0]
@@ -123,7 +124,7 @@ def add_lamps(lamps: Lamps, lobes: Sequence[Lobe], lights: Sequence[Field], memo
     shape, dtype = lights[0].shape[1:], lights[0].dtype
     terms = [_terms(lobe, z, y, shape, dtype) for lobe in lobes]
     close = rects(lamps.rays.close[chosen], z, y)
-    along = lamps.depths[lamps.common][z] * lamps.froxels.rays.length[y]
+    along = _depths(lamps, lamps.related.common, z) * lamps.froxels.rays.length[y]
     for run in _batches(sizes):
         batch = _lay_out(lamps, chosen[run].tolist(), areas[run].tolist(), int(sizes[run].sum()), memory, z, y)
         _reach(lamps, batch, close[run].tolist(), along)
@@ -180,15 +181,25 @@ def _lay_out(lamps: Lamps, chosen: list[int], areas: list[list[int]], count: int
         size = shape[0] * shape[1] * shape[2]
         views = flat[:, begin:begin + size].reshape(5, *shape)
         begin += size
-        top, _, left, _ = lamps.rays.windows[k].tolist()
-        rays = slice(y0 - top, y1 - top), slice(x0 - left, x1 - left)
-        nearest, across2 = lamps.rays.window(k)
-        here = slice(z0 - z.start, z1 - z.start), slice(y0 - y.start, y1 - y.start), slice(x0, x1)
-        cone = lamps.rays.cones.get(k)
-        pieces.append(Piece(
-            k, (slice(z0, z1), slice(y0, y1), slice(x0, x1)), here, across2[rays], nearest[rays],
-            cone and ConeRays(cone.slope[rays], cone.start[rays], cone.offset), *views))
+        area = slice(z0, z1), slice(y0, y1), slice(x0, x1)
+        here = slice(z0 - z.start, z1 - z.start), slice(y0 - y.start, y1 - y.start), area[2]
+        pieces.append(Piece(k, area, here, *_rays(lamps, k, area), *views))
     return Batch(pieces, memory.array[:3 * FEW], *flat)
+
+
+def _depths(lamps: Lamps, unit: float, z: slice) -> Field:
+    """View depth of slices in a light's unit."""
+    return lamps.related.depths[unit][whole_slice(lamps.related.box[0], z)]
+
+
+def _rays(lamps: Lamps, k: int, area: Index) -> tuple[Field, Field, ConeRays | None]:
+    """h² and b of a light's rays there, and its cone."""
+    top, _, left, _ = lamps.rays.windows[k].tolist()
+    y, x = (whole_slice(outer, inner) for outer, inner in zip(lamps.related.box[1:], area[1:], strict=True))
+    rays = slice(y.start - top, y.stop - top, y.step), slice(x.start - left, x.stop - left, x.step)
+    nearest, across2 = (image[rays] if x.step == 1 else image[rays].copy() for image in lamps.rays.window(k))
+    cone = lamps.rays.cones.get(k)
+    return across2, nearest, cone and ConeRays(cone.slope[rays], cone.start[rays], cone.offset)
 
 
 def _terms(lobe: Lobe, z: slice, y: slice, shape: tuple[int, ...], dtype: Type) -> Terms:
@@ -211,11 +222,11 @@ def _reach(lamps: Lamps, batch: Batch, close: list[list[int]], along: Field) -> 
     rays, reach = lamps.rays, batch.reach
     for piece in batch.pieces:
         unit = float(rays.units[piece.k])
-        if unit == lamps.common:
+        if unit == lamps.related.common:
             np.subtract(along[piece.here], piece.nearest, out=piece.s)
             continue
         az, ay, ax = piece.area
-        np.multiply(lamps.depths[unit][az], lamps.froxels.rays.length[ay, ax], out=piece.s)
+        np.multiply(_depths(lamps, unit, az), lamps.froxels.rays.length[ay, ax], out=piece.s)
         np.subtract(piece.s, piece.nearest, out=piece.s)
     np.multiply(batch.s, batch.s, out=reach)
     for piece in batch.pieces:

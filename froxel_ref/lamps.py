@@ -11,14 +11,16 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from froxel_ref.arrays import Candidates, Field, Visibility
+from froxel_ref.arrays import Candidates, Field, Index, Visibility
 from froxel_ref.grid import Froxels
+from froxel_ref.grid_parts import bounds_in
 from froxel_ref.light_rays import LightRays, farthest_distance, light_rays
 from froxel_ref.records import InputError
 from froxel_ref.scene import PointLight
 
 __all__ = [
-    "PLAIN", "Lamps", "Lobe", "channels", "make_lobe", "part", "prefactor", "relate_lamps",
+    "PLAIN", "LampRays", "Lamps", "Lobe", "channels", "lamps_in", "make_lamps", "make_lobe", "part", "prefactor",
+    "relate_lamps",
 ]
 
 Type: TypeAlias = "np.dtype[np.floating[Any]]"
@@ -63,21 +65,38 @@ class Lobe(NamedTuple):
         return self.name == "henyey_greenstein" and self.varies
 
 
+class LampRays(NamedTuple):
+    """Point and spot lights as the rays of a whole grid see them, for the grid or a part of it.
+
+    Attributes
+    ----------
+    box : Index
+        The part, in the grid.
+    rays : LightRays
+        The lights. Rays are counted in the grid, boxes in the part.
+    depths : dict of float to Field, shape (D, 1, 1)
+        The view depth of the grid's samples in each light's unit.
+    common : float [m]
+        The unit of most lights.
+    """
+
+    box: Index
+    rays: LightRays
+    depths: dict[float, Field]
+    common: float
+
+
 class Lamps(NamedTuple):
-    """The point and spot lights that reach a grid.
+    """The point and spot lights that reach a grid, or a part of one.
 
     Attributes
     ----------
     froxels : Froxels
-        The grid.
-    rays : LightRays
+        The part's.
+    related : LampRays
         The lights.
     colours : list of Field, shape (n, 3, 1, 1, 1)
         For each lobe, the lights' intensities with all constant factors.
-    depths : dict of float to Field, shape (D, 1, 1)
-        The samples' view depth in each light's unit.
-    common : float [m]
-        The unit of most lights.
     visibility : Visibility
         As for `froxel_ref.lighting.in_scattering`.
     candidates : Candidates or None
@@ -85,12 +104,15 @@ class Lamps(NamedTuple):
     """
 
     froxels: Froxels
-    rays: LightRays
+    related: LampRays
     colours: list[Field]
-    depths: dict[float, Field]
-    common: float
     visibility: Visibility
     candidates: Candidates | None = None
+
+    @property
+    def rays(self) -> LightRays:
+        """The lights."""
+        return self.related.rays
 
 
 def make_lobe(scattering: Field, share: float, first: bool, name: str, g: Field | float, dtype: Type, *,
@@ -146,25 +168,21 @@ def make_lobe(scattering: Field, share: float, first: bool, name: str, g: Field 
     return Lobe(scattering, share, first, name, values, 2.0 * largest > PLAIN * (1.0 - largest) ** 2, varies)
 
 
-def relate_lamps(lights: Mapping[int, PointLight], lobes: Sequence[Lobe], froxels: Froxels, *,
-                 attenuation: str, restrict: bool, visibility: Visibility,
-                 candidates: Candidates | None = None) -> Lamps:
-    """Prepare point and spot lights for the blocks of a grid.
+def relate_lamps(lights: Mapping[int, PointLight], froxels: Froxels, *, attenuation: str, restrict: bool) -> LampRays:
+    """Relate point and spot lights to the rays of a grid.
 
     Parameters
     ----------
     lights : mapping of int to PointLight or SpotLight
         By their index.
-    lobes : sequence of Lobe
-        The parts of the medium.
     froxels : Froxels
         The grid, shape (D, H, W).
-    attenuation, restrict, visibility, candidates
+    attenuation, restrict
         As for `froxel_ref.lighting.in_scattering`.
 
     Returns
     -------
-    Lamps
+    LampRays
         Without the lights that reach nothing.
 
     Examples
@@ -173,12 +191,9 @@ def relate_lamps(lights: Mapping[int, PointLight], lobes: Sequence[Lobe], froxel
     >>> from froxel_ref.scene import Camera
     >>> from froxel_ref.settings import Grid
     >>> froxels = make_froxels(Camera(), Grid(width=4, height=4, depth=4))
-    >>> lobe = make_lobe(np.ones((3, 1, 1, 1)), 1.0, True, "isotropic", 0.0, np.dtype(float))
     >>> near, behind = (PointLight(position=(0.0, 1.7, z), intensity=(1.0, 1.0, 1.0), radius=4.0)
     ...                 for z in (-6.0, 20.0))
-    >>> lamps = relate_lamps({0: near, 1: behind}, [lobe], froxels, attenuation="min_distance",
-    ...                      restrict=True, visibility={})
-    >>> lamps.rays.numbers.tolist()
+    >>> relate_lamps({0: near, 1: behind}, froxels, attenuation="min_distance", restrict=True).rays.numbers.tolist()
     [0]
     """
     dtype = froxels.depths.dtype
@@ -189,11 +204,70 @@ def relate_lamps(lights: Mapping[int, PointLight], lobes: Sequence[Lobe], froxel
     depths = {size: _in_units(froxels.depths, size, farthest, windowed=size in windowed).astype(dtype)
               for size in units.tolist()}
     common = float(units[np.argmax(count)]) if units.size else 0.0
+    depth, height, width = len(froxels.depths), *froxels.rays.length.shape
+    return LampRays((slice(0, depth), slice(0, height), slice(0, width)), rays, depths, common)
+
+
+def lamps_in(lamps: LampRays, box: Index) -> LampRays:
+    """What a part of a grid has of the lights that are related to all of it.
+
+    Parameters
+    ----------
+    lamps : LampRays
+        From `relate_lamps`.
+    box : Index
+        The part, with numbers for its starts and stops.
+
+    Returns
+    -------
+    LampRays
+        With all lights; their boxes are those of the part.
+
+    Examples
+    --------
+    >>> from froxel_ref.grid import make_froxels
+    >>> from froxel_ref.scene import Camera
+    >>> from froxel_ref.settings import Grid
+    >>> froxels = make_froxels(Camera(), Grid(width=8, height=8, depth=4))
+    >>> lamp = PointLight(position=(0.0, 1.7, -6.0), intensity=(1.0, 1.0, 1.0), radius=5.0)
+    >>> lamps = relate_lamps({0: lamp}, froxels, attenuation="min_distance", restrict=True)
+    >>> half = lamps_in(lamps, (slice(0, 4), slice(1, 8, 2), slice(1, 8, 2)))
+    >>> lamps.rays.boxes[0, 2].tolist(), half.rays.boxes[0, 2].tolist()
+    ([2, 6, 0, 8], [1, 3, 0, 4])
+    """
+    boxes, close = (bounds_in(boxes, box) for boxes in (lamps.rays.boxes, lamps.rays.close))
+    return lamps._replace(box=box, rays=lamps.rays._replace(boxes=boxes, close=close))
+
+
+def make_lamps(related: LampRays, lobes: Sequence[Lobe], froxels: Froxels, *, visibility: Visibility,
+               candidates: Candidates | None = None) -> Lamps:
+    """Prepare point and spot lights for the blocks of a grid, or of a part of one.
+
+    Parameters
+    ----------
+    related : LampRays
+        From `relate_lamps` or `lamps_in`.
+    lobes : sequence of Lobe
+        The parts of the medium.
+    froxels : Froxels
+        The part's.
+    visibility, candidates
+        As for `froxel_ref.lighting.in_scattering`.
+
+    Returns
+    -------
+    Lamps
+
+    Examples
+    --------
+    See `froxel_ref.lamp_batches.add_lamps`.
+    """
+    dtype, rays = froxels.depths.dtype, related.rays
     # What is constant in the phase function and, as `lamp_batches` leaves it, in the window.
     window = np.where(rays.windowed, 0.25, 1.0)[:, np.newaxis]
     colours = [np.asarray(np.minimum(rays.intensity * (_factor(lobe) * window), np.finfo(dtype).max), dtype)
                .reshape(-1, 3, 1, 1, 1) for lobe in lobes]
-    return Lamps(froxels, rays, colours, depths, common, visibility, candidates if restrict else None)
+    return Lamps(froxels, related, colours, visibility, candidates)
 
 
 def _in_units(depths: Field, size: float, farthest: float, *, windowed: bool) -> Field:

@@ -17,9 +17,11 @@ import numpy as np
 from froxel_ref import blocks
 from froxel_ref.arrays import Candidates, Field, Visibility
 from froxel_ref.buffers import VBuffer
+from froxel_ref.gathering import Room
 from froxel_ref.grid import Froxels, froxel_points
+from froxel_ref.grid_lights import GridLights, relate_lights
 from froxel_ref.lamp_batches import add_lamps
-from froxel_ref.lamps import Lamps, Lobe, channels, make_lobe, part, prefactor, relate_lamps
+from froxel_ref.lamps import Lamps, Lobe, channels, make_lamps, make_lobe, part, prefactor
 from froxel_ref.phase import (
     PHASE,
     cornette_shanks,
@@ -32,9 +34,9 @@ from froxel_ref.phase import (
     versine,
 )
 from froxel_ref.records import InputError, suggest
-from froxel_ref.scene import DirectionalLight, Light, Rgb
+from froxel_ref.scene import Light, Rgb
 from froxel_ref.settings import SWITCHES, SecondLobe
-from froxel_ref.sun_rays import SunRays, sun_light, sun_rays
+from froxel_ref.sun_rays import SunRays, sun_light
 
 __all__ = [
     "PHASE", "cornette_shanks", "henyey_greenstein", "in_scattering", "isotropic", "phase",
@@ -59,7 +61,7 @@ class Job(NamedTuple):
     froxels: Froxels
     vbuffer: VBuffer
     lobes: list[Lobe]
-    suns: list[SunRays]
+    suns: Sequence[SunRays]
     ambient: Field
     lamps: Lamps
     emission: str
@@ -69,13 +71,13 @@ class Job(NamedTuple):
 
 
 def in_scattering(
-    vbuffer: VBuffer, lights: Sequence[Light], froxels: Froxels, *, ambient: Rgb = (0.0, 0.0, 0.0),
+    vbuffer: VBuffer, lights: Sequence[Light] | GridLights, froxels: Froxels, *, ambient: Rgb = (0.0, 0.0, 0.0),
     phase_function: str = "henyey_greenstein", second_lobe: SecondLobe | None = None,
     emission: str = "per_metre", attenuation: str = "min_distance", ambient_term: str = "scene",
     exposure: float = 1.0, visibility: Visibility | None = None, candidates: Candidates | None = None,
     known_visibility: Mapping[int, Field] | None = None,
     anisotropy_span: tuple[float, float] | None = None,
-    threads: int | None = None, block_size: int | None = None, restrict: bool = True,
+    threads: int | None = None, block_size: int | None = None, restrict: bool = True, room: Room = np.empty,
 ) -> Field:
     """Sum the light that each froxel scatters, or emits, towards the camera.
 
@@ -83,8 +85,9 @@ def in_scattering(
     ----------
     vbuffer : VBuffer
         Scattering, extinction, emission and phase anisotropy at the samples of ``froxels``, in its dtype.
-    lights : sequence of Light
-        All lights; their positions in it are the indices of ``visibility``.
+    lights : sequence of Light, or GridLights
+        All lights; their positions in it are the indices of ``visibility``. Or these as ``froxels`` see them, of
+        which several parts of a grid need not be told anew (`froxel_ref.grid_lights`).
     froxels : Froxels
         The grid; float64 or float32, which the result has too.
     ambient : (float, float, float) [W m⁻² sr⁻¹]
@@ -118,6 +121,8 @@ def in_scattering(
         depend on it.
     restrict : bool
         Whether to skip what a light does not reach; the result does not depend on it.
+    room : callable
+        Makes room for the result.
 
     Returns
     -------
@@ -159,19 +164,18 @@ def in_scattering(
         raise InputError("phase_function", f"is {phase_function!r}; {suggest(phase_function, PHASE)}")
     dtype = froxels.depths.dtype
     lobes = _lobes(vbuffer, phase_function, second_lobe, dtype, anisotropy_span)
-    suns = [sun_rays(i, light, froxels.rays) for i, light in enumerate(lights)
-            if isinstance(light, DirectionalLight)]
-    local = {i: light for i, light in enumerate(lights) if not isinstance(light, DirectionalLight)}
+    related = lights if isinstance(lights, GridLights) else relate_lights(lights, froxels, attenuation=attenuation,
+                                                                          restrict=restrict)
     hidden = visibility or {}
     sky = (CONSTANT_AMBIENT,) * 3 if ambient_term == "constant" else ambient
     job = Job(
-        froxels=froxels, vbuffer=vbuffer, lobes=lobes, suns=suns, ambient=channels(sky, dtype), emission=emission,
-        lamps=relate_lamps(local, lobes, froxels, attenuation=attenuation, restrict=restrict, visibility=hidden,
-                           candidates=candidates),
+        froxels=froxels, vbuffer=vbuffer, lobes=lobes, suns=related.suns, ambient=channels(sky, dtype),
+        emission=emission, lamps=make_lamps(related.lamps, lobes, froxels, visibility=hidden,
+                                            candidates=candidates if restrict else None),
         exposure=exposure, visibility=hidden, known=known_visibility or NOTHING)
     skies = [None if _along_z(job, lobe) else _sky(job, lobe, lobe.g) for lobe in lobes]
     shape = _shape(job, skies)
-    result = np.empty((3, *shape), dtype)
+    result = room((3, *shape), dtype)
     memory = threading.local()
     block_size = block_size or OPERAND // result.itemsize
     blocks.run(lambda part: _fill(job, skies, result, memory, *part), blocks.blocks(*shape, size=block_size),
@@ -236,7 +240,8 @@ def _fill(job: Job, whole: Sequence[Field | None], result: Field, memory: thread
     """Work out one block of the result; ``whole`` is each lobe's `_sky`, None where it varies along z."""
     with np.errstate(over="ignore", under="ignore"):  # what overflows lies beyond a light's window
         target = result[:, z, y]
-        lights = [target] + [np.empty_like(target) for _ in job.lobes[1:]]
+        first = target if target.strides[-1] == target.itemsize else np.empty(target.shape, target.dtype)
+        lights = [first] + [np.empty_like(first) for _ in job.lobes[1:]]
         skies = [_block_sky(job, lobe, z, y) if sky is None else part(sky, z, y)
                  for lobe, sky in zip(job.lobes, whole, strict=True)]
         for lobe, sky, light in zip(job.lobes, skies, lights, strict=True):
@@ -251,11 +256,13 @@ def _fill(job: Job, whole: Sequence[Field | None], result: Field, memory: thread
                 light += part(job.vbuffer.emission, z, y)
             light *= part(lobe.scattering, z, y)
         for light in lights[1:]:
-            target += light
+            first += light
         if job.emission != "published":
-            target += part(job.vbuffer.emission, z, y)
+            first += part(job.vbuffer.emission, z, y)
         if job.exposure != 1.0:
-            target *= job.exposure
+            first *= job.exposure
+        if first is not target:  # of a field that has other parts' samples between these
+            target[...] = first
 
 
 def _block_sky(job: Job, lobe: Lobe, z: slice, y: slice) -> Field:

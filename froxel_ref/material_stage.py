@@ -255,13 +255,13 @@ def _seen(job: Job, results: Results, number: int) -> Field:
     sight = light_visibility(job, results)[number]
     name = "material/sun_visibility"
 
-    def make(part: fog_stages.Piece, threads: int | None) -> dict[str, Field]:
-        field = np.empty((len(part.froxels.depths), *part.froxels.rays.length.shape), job.dtype)
+    def make(part: fog_stages.Piece, run: fog_stages.Run) -> dict[str, Field]:
+        field = run.room(name)((len(part.froxels.depths), *part.froxels.rays.length.shape), job.dtype)
 
         def block(box: Sequence[slice]) -> None:
             field[box[0], box[1]] = sight(froxel_points(part.froxels, *box))
 
-        blocks.run(block, blocks.blocks(*field.shape), threads=threads)
+        blocks.run(block, blocks.blocks(*field.shape), threads=run.threads)
         return {name: field}
 
     return fog_stages.assembled(job, fog_stages.pieces(job), make)[name]
