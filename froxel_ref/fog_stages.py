@@ -231,10 +231,31 @@ class _Lights(NamedTuple):
     candidates: Candidates | None
 
 
-def _lights(job: Job, results: Results, froxels: Froxels) -> _Lights:
+def _lights(job: Job, results: Results, froxels: Froxels, *, hidden: bool = True) -> _Lights:
     related = relate_lights(job.scene.all_lights, froxels, attenuation=job.settings.attenuation,
                             restrict=not job.full)
-    return _Lights(related, light_visibility(job, results), _candidates(job, results, "light", froxels))
+    return _Lights(related, light_visibility(job, results) if hidden else {},
+                   _candidates(job, results, "light", froxels))
+
+
+def _phase_ratios(job: Job, results: Results) -> Callable[[Piece, Run], Field]:
+    """What the phase function makes of light that nothing hides, at the middles of a piece's froxels.
+
+    So it is the same in every frame in which neither camera nor light nor medium moves. 1 where there is no light.
+    """
+    if job.settings.temporal.filter != "unphased":
+        return lambda part, run: np.zeros((3, 0, 0, 0), job.dtype)
+    lights = _lights(job, results, job.centres, hidden=False)
+    candidates = _candidates(job, results, "medium", job.centres)
+
+    def ratio(part: Piece, run: Run) -> Field:
+        middles = part._replace(froxels=lattice_froxels(job.centres, part.box))
+        light = _light(job, lights, _voxelised(job, candidates, middles, run), middles, run)
+        phased, plain = (light(phase_function=each) for each in (job.settings.phase_function, "isotropic"))
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            return np.where((plain > 0.0) & (phased > 0.0), phased / plain, 1.0).astype(phased.dtype)
+
+    return ratio
 
 
 def _voxelised(job: Job, candidates: Candidates | None, part: Piece, run: Run) -> dict[str, Field]:
@@ -256,23 +277,23 @@ def _voxelised(job: Job, candidates: Candidates | None, part: Piece, run: Run) -
 
 
 def _scattered(job: Job, lights: _Lights, fields: Mapping[str, Field], part: Piece, run: Run, *,
-               known: Mapping[int, Field] = MappingProxyType({}), span: tuple[float, float] | None = None
-               ) -> dict[str, Field]:
+               known: Mapping[int, Field] = MappingProxyType({}), span: tuple[float, float] | None = None) -> Field:
+    light = _light(job, lights, fields, part, run, known=known, span=span)
+    return light(phase_function=job.settings.phase_function, room=run.room("lighting/in_scattering"))
+
+
+def _light(job: Job, lights: _Lights, fields: Mapping[str, Field], part: Piece, run: Run, *,
+           known: Mapping[int, Field] = MappingProxyType({}), span: tuple[float, float] | None = None
+           ) -> Callable[..., Field]:
+    """In-scattering of a piece as a function of the phase function."""
     settings, scene = job.settings, job.scene
-    light = partial(
+    return partial(
         lighting.in_scattering, v_buffer(fields), lights_in(lights.related, part.box), part.froxels,
         ambient=scene.ambient, second_lobe=settings.second_lobe, emission=settings.emission,
         attenuation=settings.attenuation, ambient_term=settings.ambient, visibility=lights.visibility,
         known_visibility=known, exposure=job.exposure, threads=run.threads,
         candidates=candidates_in(lights.candidates, part.box), restrict=not job.full,
         anisotropy_span=span or media.anisotropy_span((*scene.global_media, *scene.local_media), settings))
-    made = {"lighting/in_scattering": light(phase_function=settings.phase_function,
-                                            room=run.room("lighting/in_scattering"))}
-    if settings.temporal.filter == "unphased":
-        made["lighting/unphased"] = light(phase_function="isotropic", room=run.room("lighting/unphased"))
-    else:
-        made["lighting/unphased"] = np.zeros((3, 0, 0, 0), job.dtype)
-    return made
 
 
 def voxel_fields(job: Job, results: Results) -> dict[str, Field]:
@@ -309,9 +330,11 @@ def scattered_fields(job: Job, results: Results) -> dict[str, Field]:
     """
     if results["material/extinction"].size:
         return _relit_fields(job, results)
-    lights = _lights(job, results, job.froxels)
+    lights, ratio = _lights(job, results, job.froxels), _phase_ratios(job, results)
     buffer = {name: field for name, field in results.items() if name.startswith("media/")}
-    return assembled(job, pieces(job), lambda part, run: _scattered(job, lights, _cut(buffer, part.place), part, run))
+    return assembled(job, pieces(job), lambda part, run: {
+        "lighting/in_scattering": _scattered(job, lights, _cut(buffer, part.place), part, run),
+        "lighting/phase_ratio": ratio(part, run)})
 
 
 def _relit_fields(job: Job, results: Results) -> dict[str, Field]:
@@ -323,10 +346,12 @@ def _relit_fields(job: Job, results: Results) -> dict[str, Field]:
     g = buffer["media/phase_anisotropy"]
     low, high = media.anisotropy_span((*job.scene.global_media, *job.scene.local_media), job.settings)
     span = min(low, float(g.min())), max(high, float(g.max()))  # history may hold what the scene has no more
+    ratio = _phase_ratios(job, results)
 
     def make(part: Piece, run: Run) -> dict[str, Field]:
         known = {number: part_of(field, part.box) for number, field in sun.items()}
-        return _scattered(job, lights, _cut(buffer, part.box), part, run, known=known, span=span)
+        return {"lighting/in_scattering": _scattered(job, lights, _cut(buffer, part.box), part, run, known=known,
+                                                     span=span), "lighting/phase_ratio": ratio(part, run)}
 
     return assembled(job, pieces(job, job.centres), make)
 
@@ -347,10 +372,12 @@ def merged_fields(job: Job, results: Results) -> dict[str, Field]:
     """
     if not job.settings.merged:  # forced, but not to what was switched off
         return {}
-    candidates, lights = _candidates(job, results, "medium", job.froxels), _lights(job, results, job.froxels)
+    candidates = _candidates(job, results, "medium", job.froxels)
+    lights, ratio = _lights(job, results, job.froxels), _phase_ratios(job, results)
 
     def make(part: Piece, run: Run) -> dict[str, Field]:
         fields = _voxelised(job, candidates, part, run)
-        return {"media/extinction": fields["media/extinction"], **_scattered(job, lights, fields, part, run)}
+        return {"lighting/in_scattering": _scattered(job, lights, fields, part, run),
+                "lighting/phase_ratio": ratio(part, run), "media/extinction": fields["media/extinction"]}
 
     return assembled(job, pieces(job), make)

@@ -153,7 +153,7 @@ def _idle(name: str, settings: Settings) -> bool:
         return True
     if name == "temporal/guessed":
         return not temporal_stage.averages_light(settings)
-    if name.endswith("/unphased"):
+    if name in ("lighting/phase_ratio", "temporal/unphased"):
         return settings.temporal.filter != "unphased"
     if name.startswith("material/"):
         return settings.temporal.filter != "media"

@@ -91,12 +91,12 @@ QUANTITIES: dict[str, Quantity] = {
     "material/sun_visibility": Quantity("zyx", "1", "share of that light that arrives, filtered over frames"),
     "material/valid": Quantity("zyx", "1", "1 where the froxel was in view a frame ago, 0 where history begins"),
     "lighting/in_scattering": Quantity("czyx", PER_METRE, "radiance scattered towards the camera per metre"),
-    "lighting/unphased": Quantity("czyx", PER_METRE, "the same with an isotropic phase function; temporal.filter "
-                                                      "unphased only"),
+    "lighting/phase_ratio": Quantity("czyx", "1", "in-scattering over that of an isotropic medium, at froxels' middles "
+                                                  "and with no light hidden; temporal.filter unphased only"),
     "material/guessed": Quantity("zyx", "1", "share that holes took from neighbours, and no frame has computed yet"),
     "temporal/in_scattering": Quantity("czyx", PER_METRE, "in-scattering filtered over frames, holes filled"),
     "temporal/extinction": Quantity("zyx", "1/m", "extinction filtered over frames, holes filled"),
-    "temporal/unphased": Quantity("czyx", PER_METRE, "the same of what has an isotropic phase function"),
+    "temporal/unphased": Quantity("czyx", PER_METRE, "filtered in-scattering over the phase ratio"),
     "temporal/valid": Quantity("zyx", "1", "1 where the froxel was in view a frame ago, 0 where history begins"),
     "temporal/guessed": Quantity("zyx", "1", "the same: share of a guess in the average, until something is computed"),
     "integrate/radiance": Quantity("czyx", RADIANCE, "fog's radiance up to the slice's far boundary"),

@@ -264,7 +264,7 @@ def _lighting_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
 
 def _neutral_lighting(job: Job) -> dict[str, Field]:
     return {"lighting/in_scattering": _constant(job, "czyx", BLACK),
-            "lighting/unphased": np.zeros((3, 0, 0, 0), job.dtype)}
+            "lighting/phase_ratio": np.zeros((3, 0, 0, 0), job.dtype)}
 
 
 # --- merged -----------------------------------------------------------------------------------------
@@ -408,7 +408,7 @@ _LIGHTS, _LOCAL = (tuple(f"culling/{kind}_{name}" for name in culling.Culled._fi
 _SURFACE = ("surface/depth", "surface/normal", "surface/albedo", "surface/radiance")
 _SHADOW = tuple(name for names in shadow_stage.NAMES.values() for name in names)
 _FOM = (*fom_stage.LAMPS, *fom_stage.SUNS)
-_LIGHT = ("lighting/in_scattering", "lighting/unphased")
+_LIGHT = ("lighting/in_scattering", "lighting/phase_ratio")
 _INTEGRATED = tuple(f"integrate/{name}" for name in Integrated._fields)
 
 
@@ -438,7 +438,7 @@ STAGES: tuple[Stage, ...] = (
           material_stage.FIELDS, _needs_material, material_stage.nothing_filtered, material_stage.filtered_material,
           material_stage.material_parts),
     Stage("lighting", "light scattered towards the camera at each froxel",
-          (*_MEDIA, *material_stage.FIELDS[:-1], *_SHADOW, *_FOM, *_LIGHTS), _LIGHT,
+          (*_MEDIA, *material_stage.FIELDS[:-1], *_SHADOW, *_FOM, *_LIGHTS, *_LOCAL), _LIGHT,
           _needs_lighting, _neutral_lighting, fog_stages.scattered_fields, _lighting_parts),
     Stage("merged", "media and lighting in one, slab by slab", (*_LOCAL, *_SHADOW, *_FOM, *_LIGHTS),
           (*_LIGHT, "media/extinction"), _needs_merged, lambda job: {}, fog_stages.merged_fields, _merged_parts),

@@ -168,8 +168,10 @@ def filtered_fields(job: Job, results: Results) -> dict[str, Field]:
     Notes
     -----
     What is kept is in-scattering with extinction beside it, as one RGBA16F texture holds them [Dörries 2020, §3.2.3].
-    "unphased" keeps the light that an isotropic medium would scatter, and each frame multiplies by its own ratio of
-    the two [Lagarde 2018]: so what the phase function does with a turning camera is never old. A hole of the
+    "unphased" keeps light divided by what the phase function makes of it, and each frame multiplies by its own ratio
+    [Lagarde 2018]: so what a turning camera does with the phase function is never old. The ratio is of lights that
+    nothing hides, at the froxels' middles, so at rest it changes nothing. Of several lights it is that of their sum,
+    whichever of them are hidden. A hole of the
     checkerboard is its history alone, or the mean of its neighbours where it has none [§3.2.9]. Of "media" light has
     holes and nothing else: extinction comes without, from `froxel_ref.material_stage`.
     """
@@ -177,7 +179,9 @@ def filtered_fields(job: Job, results: Results) -> dict[str, Field]:
     if not needs_filter(how)[0]:  # forced, but not to what was switched off
         return nothing_filtered(job)
     unphased = how.temporal.filter == "unphased"
-    light, name = results[f"lighting/{'unphased' if unphased else 'in_scattering'}"], HISTORY[2 if unphased else 0]
+    light, name = results["lighting/in_scattering"], HISTORY[2 if unphased else 0]
+    if unphased:
+        light = light / results["lighting/phase_ratio"]
     empty = np.zeros((3, 0, 0, 0), job.dtype)
     if how.temporal.filter == "media":
         (light,), *rest = _filtered(job, {name: light})
@@ -185,14 +189,8 @@ def filtered_fields(job: Job, results: Results) -> dict[str, Field]:
     (light, dense), *rest = _filtered(job, {name: light, HISTORY[1]: results["media/extinction"]})
     if not unphased:
         return dict(zip(FIELDS, (light, dense, empty, *rest), strict=True))
-    ratio = _ratio(*(filled(job, results[f"lighting/{name}"]) for name in ("in_scattering", "unphased")))
+    ratio = filled(job, results["lighting/phase_ratio"])
     return dict(zip(FIELDS, (light * ratio, dense, light, *rest), strict=True))
-
-
-def _ratio(phased: Field, unphased: Field) -> Field:
-    """What the phase function makes of light; where none arrives it makes nothing of it."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        return np.where(unphased > 0.0, phased / unphased, 0.0).astype(phased.dtype)
 
 
 def _filtered(job: Job, fields: Mapping[str, Field]) -> tuple[list[Field], Field, Field]:

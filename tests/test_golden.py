@@ -83,7 +83,7 @@ def bytes_in(folder: Path) -> dict[str, bytes]:
 @pytest.mark.parametrize("name", [n for n in QUANTITIES
                                   if not n.startswith(("media/lobe", "shadow/", "fom/", "culling/", "material/",
                                                        "temporal/", "long_range/", "taa/"))
-                                  and n != "lighting/unphased"])
+                                  and n != "lighting/phase_ratio"])
 def test_arrays_are_in_gpu_order(name: str, small: Frame, written: GoldenSet) -> None:
     entry = next(e for e in written.manifest["arrays"] if e["name"] == name)
     stored = np.load(written.folder / entry["file"], allow_pickle=False)

@@ -144,6 +144,14 @@ def test_unphased_history_knows_no_direction() -> None:
     assert errors["scattering"] > 0.05
 
 
+def test_unphased_is_the_published_filter_at_rest() -> None:
+    """Jitter, shadows, a lamp and the sun  and two media: the ratio of phase functions stays, so it cancels."""
+    made = {filter: frames(HALL, replace(how(filter=filter)), 5)[-1] for filter in ("scattering", "unphased")}
+    np.testing.assert_allclose(made["unphased"]["temporal/in_scattering"], made["scattering"]["temporal/in_scattering"],
+                               rtol=1e-12)
+    assert made["unphased"]["lighting/phase_ratio"].std() > 0.1
+
+
 def test_exposure_of_the_history() -> None:
     """A12: in-scattering holds the exposure; what an earlier frame held is rescaled, extinction is not."""
     bright = dataclasses.replace(HALL, camera=dataclasses.replace(HALL.camera, exposure=4.0))
