@@ -34,7 +34,7 @@ __all__ = [
 PACKED = "media/extinction"
 
 # Froxels of a slab, about: few enough that the V-Buffer is small, enough that no time goes into beginnings.
-SLAB = 1 << 17
+SLAB = 1 << 16
 
 
 class Piece(NamedTuple):
@@ -208,9 +208,22 @@ def _lights(job: Job, results: Results) -> _Lights:
     return _Lights(related, light_visibility(job, results), _candidates(job, results, "light"))
 
 
-def _voxelised(job: Job, candidates: Candidates | None, part: Piece, run: _Run) -> dict[str, Field]:
+class _Media(NamedTuple):
+    """What all pieces share: the media as the grid has them, and which reach a block."""
+
+    terms: media.Terms
+    candidates: Candidates | None
+
+
+def _media(job: Job, results: Results) -> _Media:
+    terms = media.media_terms(job.scene, job.froxels, job.assets.textures, job.settings, restrict=not job.full)
+    return _Media(terms, _candidates(job, results, "medium"))
+
+
+def _voxelised(job: Job, known: _Media, part: Piece, run: _Run) -> dict[str, Field]:
     buffer = media.voxelise(job.scene, part.froxels, job.assets.textures, job.settings, threads=run.threads,
-                            candidates=candidates_in(candidates, part.box), restrict=not job.full)
+                            terms=media.terms_in(known.terms, part.box),
+                            candidates=candidates_in(known.candidates, part.box), restrict=not job.full)
     scattering = buffer.scattering
     if job.settings.albedo_at_zero == "divide":  # D1: listing 3.2 recovers σ_s from the albedo
         scattering = media.albedo_of(scattering, buffer.extinction, at_zero="divide") * buffer.extinction
@@ -259,8 +272,8 @@ def voxel_fields(job: Job, results: Results) -> dict[str, Field]:
     dict of str to Field
         ``media/…``; of a checkerboard with half the slices.
     """
-    candidates = _candidates(job, results, "medium")
-    return _assembled(job, pieces(job), lambda part, run: _voxelised(job, candidates, part, run))
+    known = _media(job, results)
+    return _assembled(job, pieces(job), lambda part, run: _voxelised(job, known, part, run))
 
 
 def scattered_fields(job: Job, results: Results) -> dict[str, Field]:
@@ -298,10 +311,10 @@ def merged_fields(job: Job, results: Results) -> dict[str, Field]:
     """
     if not job.settings.merged:  # forced, but not to what was switched off
         return {}
-    candidates, lights = _candidates(job, results, "medium"), _lights(job, results)
+    known, lights = _media(job, results), _lights(job, results)
 
     def make(part: Piece, run: _Run) -> dict[str, Field]:
-        fields = _voxelised(job, candidates, part, run)
+        fields = _voxelised(job, known, part, run)
         return {"media/extinction": fields["media/extinction"], **_scattered(job, lights, fields, part, run)}
 
     return _assembled(job, pieces(job), make)
