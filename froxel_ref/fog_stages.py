@@ -203,8 +203,11 @@ class _Lights(NamedTuple):
 
 
 def _lights(job: Job, results: Results) -> _Lights:
-    related = relate_lights(job.scene.all_lights, job.froxels, attenuation=job.settings.attenuation,
-                            restrict=not job.full)
+    how, scene = job.settings, job.scene
+    even = media.even_anisotropies((*scene.global_media, *scene.local_media), how)
+    lobes = lighting.lobes_of(even, phase_function=how.phase_function, second_lobe=how.second_lobe, dtype=job.dtype)
+    related = relate_lights(scene.all_lights, job.froxels, attenuation=how.attenuation, restrict=not job.full,
+                            lobes=lobes)
     return _Lights(related, light_visibility(job, results), _candidates(job, results, "light"))
 
 

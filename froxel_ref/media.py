@@ -24,8 +24,8 @@ from froxel_ref.scene import LocalMedium, Medium, NoiseDensity, Rgb, Scene, Volu
 from froxel_ref.settings import SWITCHES, Settings
 
 __all__ = [
-    "Terms", "VBuffer", "albedo_of", "anisotropy_span", "contributing", "density", "media_at", "media_terms",
-    "pack_v_buffer", "terms_in", "voxelise",
+    "Terms", "VBuffer", "albedo_of", "anisotropy_span", "contributing", "density", "even_anisotropies", "media_at",
+    "media_terms", "pack_v_buffer", "terms_in", "voxelise",
 ]
 
 Textures = Mapping[NoiseDensity | VolumeDensity, NDArray[Any]]
@@ -211,6 +211,34 @@ def anisotropy_span(media: Sequence[Medium], settings: Settings) -> tuple[float,
         return g, g
     every = [m.phase_anisotropy for m in media] if settings.phase_mixing == "mean" else _lobe_anisotropies(media)
     return min([0.0, *every]), max([0.0, *every])  # 0 where nothing scatters
+
+
+def even_anisotropies(media: Sequence[Medium], settings: Settings) -> tuple[float, ...]:
+    """The phase anisotropies of the scattering's parts, as far as each is one number everywhere.
+
+    Parameters
+    ----------
+    media : sequence of Medium
+        Global, then local ones.
+    settings : Settings
+        Its phase_mixing.
+
+    Returns
+    -------
+    tuple of float
+        One for each lobe of a mixture; otherwise g, or none where it varies.
+
+    Examples
+    --------
+    >>> fog, ball = Medium(phase_anisotropy=0.5), LocalMedium(phase_anisotropy=0.8)
+    >>> from froxel_ref.settings import replace
+    >>> [even_anisotropies((fog, ball), replace(Settings(), phase_mixing=mixing)) for mixing in ("weighted", "mixture")]
+    [(), (0.5, 0.8)]
+    """
+    if settings.phase_mixing == "mixture":
+        return tuple(_lobe_anisotropies(media))
+    low, high = anisotropy_span(media, settings)
+    return (low,) if low == high else ()
 
 
 def _buffer(sums: Mapping[str, Field], anisotropy: Field | None, media: Sequence[Medium],
