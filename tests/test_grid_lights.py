@@ -29,7 +29,7 @@ from froxel_ref.settings import Grid, Settings, replace
 GRID = Grid(width=11, height=7, depth=9, near=0.5, far=20.0)
 LIGHTS = (
     DirectionalLight(direction=(0.2, 1.0, 0.1), irradiance=(2, 2, 2)),
-    PointLight(position=(0.0, 2.0, -4.0), intensity=(9, 5, 2), radius=3),
+    PointLight(position=(0.0, 2.0, -4.0), intensity=(9, 5, 2), radius=3, min_distance=1.5),
     SpotLight(position=(1.0, 4.0, -8.0), direction=(0.0, -1.0, 0.2), intensity=(4, 5, 2), radius=6, outer_angle=40),
     PointLight(position=(0.5, 1.0, -9.0), intensity=(1, 2, 3), falloff="inverse_square"),
     PointLight(position=(0.5, 1.0, 90.0), intensity=(1, 2, 3), radius=2),
