@@ -40,7 +40,7 @@ FILTERED = ("material/scattering", "material/extinction", "material/emission", "
 PACKED = "media/extinction"
 
 # Froxels of a slab, about: few enough that the V-Buffer is small, enough that no time goes into beginnings.
-SLAB = 1 << 17
+SLAB = 1 << 16
 
 
 class Piece(NamedTuple):
@@ -232,10 +232,24 @@ class _Lights(NamedTuple):
 
 
 def _lights(job: Job, results: Results, froxels: Froxels, *, hidden: bool = True) -> _Lights:
-    related = relate_lights(job.scene.all_lights, froxels, attenuation=job.settings.attenuation,
-                            restrict=not job.full)
+    how, scene = job.settings, job.scene
+    even = media.even_anisotropies((*scene.global_media, *scene.local_media), how)
+    lobes = lighting.lobes_of(even, phase_function=how.phase_function, second_lobe=how.second_lobe, dtype=job.dtype)
+    related = relate_lights(scene.all_lights, froxels, attenuation=how.attenuation, restrict=not job.full, lobes=lobes)
     return _Lights(related, light_visibility(job, results) if hidden else {},
                    _candidates(job, results, "light", froxels))
+
+
+class _Media(NamedTuple):
+    """What all pieces share: the media as the grid has them, and which reach a block."""
+
+    terms: media.Terms
+    candidates: Candidates | None
+
+
+def _media(job: Job, results: Results, froxels: Froxels) -> _Media:
+    terms = media.media_terms(job.scene, froxels, job.assets.textures, job.settings, restrict=not job.full)
+    return _Media(terms, _candidates(job, results, "medium", froxels))
 
 
 def _phase_ratios(job: Job, results: Results) -> Callable[[Piece, Run], Field]:
@@ -245,12 +259,11 @@ def _phase_ratios(job: Job, results: Results) -> Callable[[Piece, Run], Field]:
     """
     if job.settings.temporal.filter != "unphased":
         return lambda part, run: np.zeros((3, 0, 0, 0), job.dtype)
-    lights = _lights(job, results, job.centres, hidden=False)
-    candidates = _candidates(job, results, "medium", job.centres)
+    lights, known = _lights(job, results, job.centres, hidden=False), _media(job, results, job.centres)
 
     def ratio(part: Piece, run: Run) -> Field:
         middles = part._replace(froxels=lattice_froxels(job.centres, part.box))
-        light = _light(job, lights, _voxelised(job, candidates, middles, run), middles, run)
+        light = _light(job, lights, _voxelised(job, known, middles, run), middles, run)
         phased, plain = (light(phase_function=each) for each in (job.settings.phase_function, "isotropic"))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             return np.where((plain > 0.0) & (phased > 0.0), phased / plain, 1.0).astype(phased.dtype)
@@ -258,9 +271,10 @@ def _phase_ratios(job: Job, results: Results) -> Callable[[Piece, Run], Field]:
     return ratio
 
 
-def _voxelised(job: Job, candidates: Candidates | None, part: Piece, run: Run) -> dict[str, Field]:
+def _voxelised(job: Job, known: _Media, part: Piece, run: Run) -> dict[str, Field]:
     buffer = media.voxelise(job.scene, part.froxels, job.assets.textures, job.settings, threads=run.threads,
-                            candidates=candidates_in(candidates, part.box), restrict=not job.full)
+                            terms=media.terms_in(known.terms, part.box),
+                            candidates=candidates_in(known.candidates, part.box), restrict=not job.full)
     scattering = buffer.scattering
     if job.settings.albedo_at_zero == "divide":  # D1: listing 3.2 recovers σ_s from the albedo
         scattering = media.albedo_of(scattering, buffer.extinction, at_zero="divide") * buffer.extinction
@@ -310,8 +324,8 @@ def voxel_fields(job: Job, results: Results) -> dict[str, Field]:
     dict of str to Field
         ``media/…``; of a checkerboard with half the slices.
     """
-    candidates = _candidates(job, results, "medium", job.froxels)
-    return assembled(job, pieces(job), lambda part, run: _voxelised(job, candidates, part, run))
+    known = _media(job, results, job.froxels)
+    return assembled(job, pieces(job), lambda part, run: _voxelised(job, known, part, run))
 
 
 def scattered_fields(job: Job, results: Results) -> dict[str, Field]:
@@ -372,11 +386,11 @@ def merged_fields(job: Job, results: Results) -> dict[str, Field]:
     """
     if not job.settings.merged:  # forced, but not to what was switched off
         return {}
-    candidates = _candidates(job, results, "medium", job.froxels)
+    known = _media(job, results, job.froxels)
     lights, ratio = _lights(job, results, job.froxels), _phase_ratios(job, results)
 
     def make(part: Piece, run: Run) -> dict[str, Field]:
-        fields = _voxelised(job, candidates, part, run)
+        fields = _voxelised(job, known, part, run)
         return {"lighting/in_scattering": _scattered(job, lights, fields, part, run),
                 "lighting/phase_ratio": ratio(part, run), "media/extinction": fields["media/extinction"]}
 

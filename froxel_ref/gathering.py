@@ -120,11 +120,11 @@ class Gathered:
         if made.whole is None and any(made.varies):
             extent = tuple(n if varies else 1 for n, varies in zip(self._shape, made.varies, strict=True))
             made.lay_out(extent, self._places)
-        return made.first if made.whole is None else made.whole
+        return made.first
 
 
 class _Field:
-    """One field: what waits, along which axes it varies, and the whole once it is laid out."""
+    """One field: what came first, what waits, along which axes it varies, and the whole once it is laid out."""
 
     def __init__(self, first: Field, spatial: bool) -> None:
         self.first, self.spatial = first, spatial
@@ -142,8 +142,8 @@ class _Field:
 
     def lay_out(self, extent: tuple[int, ...], places: Sequence[Index]) -> None:
         """Copy what waits to its place."""
-        self.whole = np.zeros((*self.first.shape[:-3], *extent), self.first.dtype)
+        whole = np.zeros((*self.first.shape[:-3], *extent), self.first.dtype)
         for part, field in self.waiting.items():
-            part_of(self.whole, places[part])[...] = field
+            part_of(whole, places[part])[...] = field
         self.waiting.clear()
-        self.first = self.first[..., :0]
+        self.first = self.whole = whole

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
-from froxel_ref.arrays import Index
+from froxel_ref.arrays import Field, Index
 from froxel_ref.compensated import DoubleDouble
 from froxel_ref.grid import Froxels
-from froxel_ref.grid_parts import is_whole
-from froxel_ref.lamps import LampRays, lamps_in, relate_lamps
+from froxel_ref.grid_parts import is_whole, part_of
+from froxel_ref.lamps import LampRays, Lobe, lamps_in, relate_lamps
 from froxel_ref.scene import DirectionalLight, Light
-from froxel_ref.sun_rays import SunRays, sun_rays
+from froxel_ref.sun_rays import SunRays, sun_light, sun_rays
 
-__all__ = ["GridLights", "lights_in", "relate_lights"]
+__all__ = ["GridLights", "lights_in", "relate_lights", "shine"]
+
+Phase = tuple[str, float, float]
+NOTHING: Mapping[Phase, tuple[Field, ...]] = MappingProxyType({})
 
 
 class GridLights(NamedTuple):
@@ -27,14 +31,53 @@ class GridLights(NamedTuple):
         The directional ones.
     lamps : LampRays
         The others.
+    known : mapping of (str, float, float) to tuple of Field
+        `shine` by the phase function's name, g and share, where it is worked out already.
     """
 
     suns: tuple[SunRays, ...]
     lamps: LampRays
+    known: Mapping[Phase, tuple[Field, ...]] = NOTHING
+
+
+def shine(lights: GridLights, lobe: Lobe) -> tuple[Field, ...] | None:
+    """What a lobe turns of the suns' light into each ray, where it is the same at every depth.
+
+    Parameters
+    ----------
+    lights : GridLights
+    lobe : Lobe
+        Of the medium.
+
+    Returns
+    -------
+    tuple of Field of shape (3, 1, H, W), or None
+        For each sun, by `froxel_ref.sun_rays.sun_light`; nothing for a lobe whose g varies.
+
+    Examples
+    --------
+    >>> from froxel_ref.grid import make_froxels
+    >>> from froxel_ref.lamps import make_lobe
+    >>> from froxel_ref.scene import Camera
+    >>> from froxel_ref.settings import Grid
+    >>> froxels = make_froxels(Camera(), Grid(width=4, height=2, depth=8))
+    >>> lights = relate_lights([DirectionalLight(direction=(0, 1, 0), irradiance=(1, 1, 1))], froxels)
+    >>> lobe = make_lobe(np.ones((3, 1, 1, 1)), 1.0, True, "henyey_greenstein", 0.5, np.dtype(float))
+    >>> [light.shape for light in shine(lights, lobe)]
+    [(3, 1, 2, 4)]
+    """
+    if lobe.varies:
+        return None
+    found = lights.known.get(_phase(lobe))
+    return found or tuple(sun_light(sun, lobe.name, lobe.g, share=lobe.share) for sun in lights.suns)
+
+
+def _phase(lobe: Lobe) -> Phase:
+    return lobe.name, float(lobe.g[0, 0, 0]), lobe.share
 
 
 def relate_lights(lights: Sequence[Light], froxels: Froxels, *, attenuation: str = "min_distance",
-                  restrict: bool = True) -> GridLights:
+                  restrict: bool = True, lobes: Sequence[Lobe] = ()) -> GridLights:
     """Relate lights to the rays of a grid.
 
     Parameters
@@ -43,6 +86,8 @@ def relate_lights(lights: Sequence[Light], froxels: Froxels, *, attenuation: str
         As for `froxel_ref.lighting.in_scattering`.
     froxels : Froxels
         The whole grid.
+    lobes : sequence of Lobe
+        For which `shine` is worked out at once, lest each part of the grid do so.
 
     Returns
     -------
@@ -61,7 +106,8 @@ def relate_lights(lights: Sequence[Light], froxels: Froxels, *, attenuation: str
     suns = tuple(sun_rays(i, light, froxels.rays) for i, light in enumerate(lights)
                  if isinstance(light, DirectionalLight))
     local = {i: light for i, light in enumerate(lights) if not isinstance(light, DirectionalLight)}
-    return GridLights(suns, relate_lamps(local, froxels, attenuation=attenuation, restrict=restrict))
+    related = GridLights(suns, relate_lamps(local, froxels, attenuation=attenuation, restrict=restrict))
+    return related._replace(known={_phase(lobe): light for lobe in lobes if (light := shine(related, lobe))})
 
 
 def lights_in(lights: GridLights, box: Index) -> GridLights:
@@ -90,7 +136,9 @@ def lights_in(lights: GridLights, box: Index) -> GridLights:
     (1, 2)
     """
     _, y, x = box
-    return GridLights(tuple(_sun_in(sun, y, x) for sun in lights.suns), lamps_in(lights.lamps, box))
+    known = {phase: tuple(part_of(light, (slice(None), y, x)) for light in found)
+             for phase, found in lights.known.items()}
+    return GridLights(tuple(_sun_in(sun, y, x) for sun in lights.suns), lamps_in(lights.lamps, box), known)
 
 
 def _sun_in(sun: SunRays, y: slice, x: slice) -> SunRays:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from froxel_ref.arrays import Candidates, Field, Index
 
-__all__ = ["bounds_in", "candidates_in", "is_whole", "part_of", "slices_of", "whole_slice"]
+__all__ = ["bounds_in", "candidates_in", "is_whole", "part_of", "part_slice", "slices_of", "whole_slice"]
 
 
 def whole_slice(outer: slice, inner: slice) -> slice:
@@ -36,6 +36,32 @@ def whole_slice(outer: slice, inner: slice) -> slice:
     step = outer.step or 1
     begin = outer.start + step * inner.start
     return slice(begin, max(begin, outer.start + step * (inner.stop - 1) + 1), step)
+
+
+def part_slice(outer: slice, range_: slice) -> slice:
+    """What a part has of a range of the whole, in its coordinates.
+
+    Parameters
+    ----------
+    outer : slice
+        The part, as for `whole_slice`.
+    range_ : slice
+        Of the whole, with a step of 1.
+
+    Returns
+    -------
+    slice
+        Empty where it has none.
+
+    Examples
+    --------
+    >>> part_slice(slice(1, 10, 2), slice(3, 6)), part_slice(slice(1, 10, 2), slice(4, 5))
+    (slice(1, 3, None), slice(2, 2, None))
+    """
+    step = outer.step or 1
+    count = len(range(outer.start, outer.stop, step))
+    first, last = (min(max(-((outer.start - end) // step), 0), count) for end in (range_.start, range_.stop))
+    return slice(first, last)
 
 
 def slices_of(box: Index, first: int, last: int) -> Index:

@@ -19,7 +19,7 @@ from froxel_ref.arrays import Candidates, Field, Visibility
 from froxel_ref.buffers import VBuffer
 from froxel_ref.gathering import Room
 from froxel_ref.grid import Froxels, froxel_points
-from froxel_ref.grid_lights import GridLights, relate_lights
+from froxel_ref.grid_lights import GridLights, relate_lights, shine
 from froxel_ref.lamp_batches import add_lamps
 from froxel_ref.lamps import Lamps, Lobe, channels, make_lamps, make_lobe, part, prefactor
 from froxel_ref.phase import (
@@ -39,8 +39,8 @@ from froxel_ref.settings import SWITCHES, SecondLobe
 from froxel_ref.sun_rays import SunRays, sun_light
 
 __all__ = [
-    "PHASE", "cornette_shanks", "henyey_greenstein", "in_scattering", "isotropic", "phase",
-    "rayleigh", "schlick", "two_lobe_henyey_greenstein", "versine",
+    "PHASE", "cornette_shanks", "henyey_greenstein", "in_scattering", "isotropic", "lobes_of", "phase", "rayleigh",
+    "schlick", "two_lobe_henyey_greenstein", "versine",
 ]
 
 Type: TypeAlias = "np.dtype[np.floating[Any]]"
@@ -62,6 +62,7 @@ class Job(NamedTuple):
     vbuffer: VBuffer
     lobes: list[Lobe]
     suns: Sequence[SunRays]
+    shine: list[tuple[Field, ...] | None]
     ambient: Field
     lamps: Lamps
     emission: str
@@ -169,11 +170,12 @@ def in_scattering(
     hidden = visibility or {}
     sky = (CONSTANT_AMBIENT,) * 3 if ambient_term == "constant" else ambient
     job = Job(
-        froxels=froxels, vbuffer=vbuffer, lobes=lobes, suns=related.suns, ambient=channels(sky, dtype),
+        froxels=froxels, vbuffer=vbuffer, lobes=lobes, suns=related.suns,
+        shine=[shine(related, lobe) for lobe in lobes], ambient=channels(sky, dtype),
         emission=emission, lamps=make_lamps(related.lamps, lobes, froxels, visibility=hidden,
                                             candidates=candidates if restrict else None),
         exposure=exposure, visibility=hidden, known=known_visibility or NOTHING)
-    skies = [None if _along_z(job, lobe) else _sky(job, lobe, lobe.g) for lobe in lobes]
+    skies = [None if _along_z(job, lobe) else _sky(job, k, lobe.g) for k, lobe in enumerate(lobes)]
     shape = _shape(job, skies)
     result = room((3, *shape), dtype)
     memory = threading.local()
@@ -181,6 +183,36 @@ def in_scattering(
     blocks.run(lambda part: _fill(job, skies, result, memory, *part), blocks.blocks(*shape, size=block_size),
                threads=threads)
     return result
+
+
+def lobes_of(anisotropies: Sequence[float], *, phase_function: str = "henyey_greenstein",
+             second_lobe: SecondLobe | None = None, dtype: Type) -> list[Lobe]:
+    """Make the lobes of media whose parts have one phase anisotropy each, for what depends on no scattering.
+
+    Parameters
+    ----------
+    anisotropies : sequence of float
+        Of the parts.
+    phase_function, second_lobe
+        As for `in_scattering`.
+    dtype : dtype
+        Of the arithmetic.
+
+    Returns
+    -------
+    list of Lobe
+        Those that `in_scattering` has, but for their scattering.
+
+    Examples
+    --------
+    >>> [lobe.share for lobe in lobes_of([0.5], phase_function="two_lobe_henyey_greenstein", dtype=np.dtype(float))]
+    [0.7, 0.3]
+    """
+    if not anisotropies:
+        return []
+    none = np.zeros((3, 1, 1, 1), dtype)
+    empty = VBuffer(none, none[0], none, none[0], tuple((none, g) for g in anisotropies))
+    return _lobes(empty, phase_function, second_lobe, dtype, None)
 
 
 # --- what there is to do ----------------------------------------------------------------------------
@@ -210,11 +242,12 @@ def _shadowed(job: Job) -> bool:
     return any(sun.number in job.visibility or sun.number in job.known for sun in job.suns)
 
 
-def _sky(job: Job, lobe: Lobe, g: Field, y: slice = slice(None), seen: Mapping[int, Field] = NOTHING) -> Field:
-    """Ambient and directional light scattered towards the camera, per σ_s."""
+def _sky(job: Job, k: int, g: Field, y: slice = slice(None), seen: Mapping[int, Field] = NOTHING) -> Field:
+    """Ambient and directional light that the k-th lobe scatters towards the camera, per σ_s."""
+    lobe, known = job.lobes[k], job.shine[k]
     total = job.ambient if lobe.first else np.zeros_like(job.ambient)
-    for sun in job.suns:
-        light = sun_light(sun, lobe.name, g, share=lobe.share, rows=y, varies=lobe.varies)
+    for i, sun in enumerate(job.suns):
+        light = known[i][:, :, y] if known else sun_light(sun, lobe.name, g, share=lobe.share, rows=y, varies=True)
         total = total + (light * seen[sun.number] if sun.number in seen else light)
     return total
 
@@ -242,8 +275,7 @@ def _fill(job: Job, whole: Sequence[Field | None], result: Field, memory: thread
         target = result[:, z, y]
         first = target if target.strides[-1] == target.itemsize else np.empty(target.shape, target.dtype)
         lights = [first] + [np.empty_like(first) for _ in job.lobes[1:]]
-        skies = [_block_sky(job, lobe, z, y) if sky is None else part(sky, z, y)
-                 for lobe, sky in zip(job.lobes, whole, strict=True)]
+        skies = [_block_sky(job, k, z, y) if sky is None else part(sky, z, y) for k, sky in enumerate(whole)]
         for lobe, sky, light in zip(job.lobes, skies, lights, strict=True):
             light[...] = 0.0 if lobe.scaled else sky
         if len(job.lamps.rays.numbers):
@@ -265,12 +297,12 @@ def _fill(job: Job, whole: Sequence[Field | None], result: Field, memory: thread
             target[...] = first
 
 
-def _block_sky(job: Job, lobe: Lobe, z: slice, y: slice) -> Field:
-    """Ambient and directional light in a block, where it varies along z."""
+def _block_sky(job: Job, k: int, z: slice, y: slice) -> Field:
+    """Ambient and directional light of the k-th lobe in a block, where it varies along z."""
     seen: dict[int, Field] = {}
     if _shadowed(job):
         points = froxel_points(job.froxels, z, y)
         seen = {sun.number: job.visibility[sun.number](points) for sun in job.suns
                 if sun.number in job.visibility and sun.number not in job.known}
         seen |= {number: part(field, z, y) for number, field in job.known.items()}
-    return _sky(job, lobe, part(lobe.g, z, y), y, seen)
+    return _sky(job, k, part(job.lobes[k].g, z, y), y, seen)

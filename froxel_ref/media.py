@@ -7,8 +7,8 @@ terms give single points (`media_at`, for the ground truth too) and whole grids 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,14 @@ from froxel_ref.arrays import Candidates, Field, Index, Points
 from froxel_ref.buffers import VBuffer
 from froxel_ref.density import Placed, density, density_at, place
 from froxel_ref.grid import Froxels, corner_bounds, froxel_points
+from froxel_ref.grid_parts import part_slice
 from froxel_ref.records import InputError
 from froxel_ref.scene import LocalMedium, Medium, NoiseDensity, Rgb, Scene, VolumeDensity
 from froxel_ref.settings import SWITCHES, Settings
 
 __all__ = [
-    "VBuffer", "albedo_of", "anisotropy_span", "contributing", "density", "media_at", "pack_v_buffer", "voxelise",
+    "Terms", "VBuffer", "albedo_of", "anisotropy_span", "contributing", "density", "even_anisotropies", "media_at",
+    "media_terms", "pack_v_buffer", "terms_in", "voxelise",
 ]
 
 Textures = Mapping[NoiseDensity | VolumeDensity, NDArray[Any]]
@@ -69,6 +71,9 @@ class _Term(NamedTuple):
     def medium(self) -> Medium:
         return self.placed.medium
 
+
+Terms: TypeAlias = tuple[_Term, ...]
+"""Media ready to be evaluated in a grid, or in a part of one."""
 
 # Fields that count whether a medium's region holds the point, whatever its density there.
 MEMBERSHIP = ("member_anisotropy", "members")
@@ -208,6 +213,34 @@ def anisotropy_span(media: Sequence[Medium], settings: Settings) -> tuple[float,
     return min([0.0, *every]), max([0.0, *every])  # 0 where nothing scatters
 
 
+def even_anisotropies(media: Sequence[Medium], settings: Settings) -> tuple[float, ...]:
+    """The phase anisotropies of the scattering's parts, as far as each is one number everywhere.
+
+    Parameters
+    ----------
+    media : sequence of Medium
+        Global, then local ones.
+    settings : Settings
+        Its phase_mixing.
+
+    Returns
+    -------
+    tuple of float
+        One for each lobe of a mixture; otherwise g, or none where it varies.
+
+    Examples
+    --------
+    >>> fog, ball = Medium(phase_anisotropy=0.5), LocalMedium(phase_anisotropy=0.8)
+    >>> from froxel_ref.settings import replace
+    >>> [even_anisotropies((fog, ball), replace(Settings(), phase_mixing=mixing)) for mixing in ("weighted", "mixture")]
+    [(), (0.5, 0.8)]
+    """
+    if settings.phase_mixing == "mixture":
+        return tuple(_lobe_anisotropies(media))
+    low, high = anisotropy_span(media, settings)
+    return (low,) if low == high else ()
+
+
 def _buffer(sums: Mapping[str, Field], anisotropy: Field | None, media: Sequence[Medium],
             settings: Settings) -> VBuffer:
     """The V-Buffer from its sums; without an anisotropy, g is one number everywhere."""
@@ -263,8 +296,67 @@ def media_at(media: Sequence[Medium], points: Points, textures: Textures, settin
     return _buffer(sums, _mean_anisotropy(sums, media) if mean else None, media, settings)
 
 
+def media_terms(scene: Scene, froxels: Froxels, textures: Textures, settings: Settings, *, restrict: bool = True
+                ) -> Terms:
+    """Make a scene's media ready for a grid: what each adds to which field, and the box of froxels that it can touch.
+
+    Parameters
+    ----------
+    scene, froxels, textures, settings, restrict
+        As for `voxelise`.
+
+    Returns
+    -------
+    Terms
+        Without the media that add nothing, and without those out of view.
+
+    Examples
+    --------
+    >>> from froxel_ref.grid import make_froxels
+    >>> froxels = make_froxels(Scene().camera, Settings().grid)
+    >>> len(media_terms(Scene(global_media=(Medium(), Medium(extinction=0.0))), froxels, {}, Settings()))
+    1
+    """
+    media = (*scene.global_media, *scene.local_media)
+    terms = _terms(media, textures, settings, froxels.depths.dtype, idle=not restrict)
+    return _in_view(_bounded(term, froxels, restrict) for term in terms)
+
+
+def terms_in(terms: Terms, box: Index) -> Terms:
+    """What a part of a grid has of the media that are ready for all of it.
+
+    Parameters
+    ----------
+    terms : Terms
+        From `media_terms`.
+    box : Index
+        The part, with numbers for its starts and stops.
+
+    Returns
+    -------
+    Terms
+
+    Examples
+    --------
+    >>> from froxel_ref.grid import make_froxels
+    >>> froxels = make_froxels(Scene().camera, Settings().grid)
+    >>> from froxel_ref.scene import Transform
+    >>> ball = LocalMedium(transform=Transform(translate=(0, 1.7, -4)))
+    >>> terms = media_terms(Scene(local_media=(ball,)), froxels, {}, Settings())
+    >>> [len(terms_in(terms, (slice(k, k + 8), slice(0, 90), slice(0, 160)))) for k in (0, 28, 56)]
+    [0, 1, 0]
+    """
+    return _in_view(term if term.bounds is None else term._replace(bounds=(
+        part_slice(box[0], term.bounds[0]), part_slice(box[1], term.bounds[1]), part_slice(box[2], term.bounds[2])))
+        for term in terms)
+
+
+def _in_view(terms: Iterable[_Term]) -> Terms:
+    return tuple(term for term in terms if term.bounds is None or all(r.start < r.stop for r in term.bounds))
+
+
 def voxelise(scene: Scene, froxels: Froxels, textures: Textures, settings: Settings, *, restrict: bool = True,
-             candidates: Candidates | None = None, threads: int | None = None,
+             candidates: Candidates | None = None, terms: Terms | None = None, threads: int | None = None,
              block: int = blocks.BLOCK) -> VBuffer:
     """Fill the V-Buffer: the material of all media at every froxel's sample.
 
@@ -284,6 +376,8 @@ def voxelise(scene: Scene, froxels: Froxels, textures: Textures, settings: Setti
     candidates : callable, optional
         Given a block's slices and rows, the indices of the local media that it has to visit, growing
         (`froxel_ref.culling.candidates`); all of them unless given.
+    terms : Terms, optional
+        From `media_terms` or `terms_in`, lest each part of a grid work them out anew.
     threads, block : int, optional
         How to run; see `froxel_ref.blocks`. No effect on the result.
 
@@ -318,9 +412,8 @@ def voxelise(scene: Scene, froxels: Froxels, textures: Textures, settings: Setti
     """
     media = (*scene.global_media, *scene.local_media)
     names = _wanted(media, settings)
-    terms = _terms(media, textures, settings, froxels.depths.dtype, idle=not restrict)
-    terms = [_bounded(term, froxels, restrict) for term in terms]
-    terms = [term for term in terms if term.bounds is None or term.bounds[0].stop > term.bounds[0].start]
+    if terms is None:
+        terms = media_terms(scene, froxels, textures, settings, restrict=restrict)
     whole = {name: channels for name, channels in names.items() if _is_full(name, terms, froxels)}
     small = {name: channels for name, channels in names.items() if name not in whole}
     everywhere = [term for term in terms if term.bounds is None and any(name in small for name in term.factors)]
