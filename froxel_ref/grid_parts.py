@@ -6,10 +6,14 @@ serves it through the slices that these functions give.
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
-from froxel_ref.arrays import Candidates, Field, Index
+from froxel_ref.arrays import Candidates, Index
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 __all__ = ["bounds_in", "candidates_in", "is_whole", "part_of", "part_slice", "slices_of", "whole_slice"]
 
@@ -107,18 +111,18 @@ def is_whole(box: Index, shape: tuple[int, ...]) -> bool:
                for r, n in zip(box[3 - len(shape):], shape, strict=True))
 
 
-def part_of(field: Field, box: Index) -> Field:
+def part_of(field: NDArray[Scalar], box: Index) -> NDArray[Scalar]:
     """What a field holds of a part.
 
     Parameters
     ----------
-    field : Field
+    field : ndarray
         Its last three axes are z, y and x.
     box : Index
 
     Returns
     -------
-    Field
+    ndarray
         A view; axes of length 1 stay.
 
     Examples

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from froxel_ref import checkerboard, ghosting, temporal
-from froxel_ref.arrays import Field
+from froxel_ref import blocks, checkerboard, ghosting, temporal
+from froxel_ref.arrays import Field, Index
+from froxel_ref.grid_parts import part_of
 from froxel_ref.jobs import Job, Part, Results
 from froxel_ref.scene import Scene
 from froxel_ref.settings import Settings
@@ -206,12 +207,45 @@ def _filtered(job: Job, fields: Mapping[str, Field]) -> tuple[list[Field], Field
     for name, new in fields.items():
         old = temporal.reproject(history.fields[name].astype(job.dtype, copy=False), place, threads=job.threads)
         ratio = job.exposure / history.exposure if name == light else 1.0
-        whole = filled(job, new, old, place.valid, ratio)
-        if averages:
-            old = held(job, old if ratio == 1.0 else old * job.dtype.type(ratio), whole)
-            whole = temporal.blend(whole, old, place.valid, alpha=weight(job, [whole], [old], old_guess))
-        made.append(whole)
+        if ratio != 1.0:
+            old = old * job.dtype.type(ratio)
+        made.append(_averaged(job, new, old, place.valid, old_guess) if averages else
+                    filled(job, new, old, place.valid))
     return made, place.valid.astype(job.dtype), guess
+
+
+def _averaged(job: Job, new: Field, old: Field, valid: NDArray[np.bool_], guessed: Field | None) -> Field:
+    """A field averaged with its history."""
+    how = job.settings.temporal
+    if job.settings.checkerboard and how.clamp == "off" and how.alpha_most is None:
+        return _averaged_half(job, new, old, valid, guessed)
+    whole = filled(job, new, old, valid)
+    old = held(job, old, whole)
+    return temporal.blend(whole, old, valid, alpha=weight(job, [whole], [old], guessed))
+
+
+def _averaged_half(job: Job, new: Field, old: Field, valid: NDArray[np.bool_], guessed: Field | None) -> Field:
+    """The same where no froxel looks at its neighbours: half are averaged, the others are their history."""
+    how, shape = job.settings, job.settings.grid.shape
+    known, holes = (checkerboard.lattices(shape, job.frame + n, parity=how.checkerboard_parity) for n in (0, 1))
+    result = np.empty((*new.shape[:-3], *shape), job.dtype)
+    alpha = job.dtype.type(_alpha(job))
+
+    def average(box: Index) -> None:
+        packed = slice(0, len(range(shape[0])[box[0]])), *box[1:]
+        share = alpha if guessed is None else alpha + (1.0 - alpha) * part_of(guessed, box)
+        result[..., *box] = temporal.blend(part_of(new, packed), part_of(old, box), part_of(valid, box), alpha=share)
+
+    def keep(box: Index) -> None:
+        before = part_of(old, box)
+        if temporal.usable(before, part_of(valid, box)).all():
+            result[..., *box] = before
+        else:
+            result[..., *box] = part_of(filled(job, new, old, valid), box)
+
+    blocks.run(average, known, threads=job.threads)
+    blocks.run(keep, holes, threads=job.threads)
+    return result
 
 
 # --- what every average over frames does --------------------------------------------------------------
@@ -288,6 +322,8 @@ def guesses(job: Job, averages: bool, history: Field | None = None, place: tempo
         return None, (~known).astype(job.dtype)
     if history is None or not history.size:
         history = np.zeros((1, 1, 1), job.dtype)
+    if place.valid.all() and not history.any():
+        return None, np.zeros((1, 1, 1), job.dtype)
     before = temporal.reproject(history.astype(job.dtype, copy=False), place, threads=job.threads)
     return before, np.where(known, job.dtype.type(0.0), np.where(place.valid, before, job.dtype.type(1.0)))
 
@@ -331,12 +367,7 @@ def weight(job: Job, fields: Sequence[Field], histories: Sequence[Field], guesse
     Field, broadcastable to (z, y, x)
         1 in holes: what stands there is history already.
     """
-    how, history, known = job.settings.temporal, job.history, _known(job)
-    assert history is not None
-    alpha = how.alpha
-    if how.start == "mean":
-        values = history.length // 2 if known is not None else history.length
-        alpha = float(temporal.start_weight(values + 1, alpha=alpha))
+    how, known, alpha = job.settings.temporal, _known(job), _alpha(job)
     result: Field = np.full((1, 1, 1), alpha, job.dtype)
     if how.alpha_most is not None and how.alpha_most > alpha:
         for field, old in zip(fields, histories, strict=True):
@@ -345,3 +376,13 @@ def weight(job: Job, fields: Sequence[Field], histories: Sequence[Field], guesse
     if guessed is not None:
         result = result + (1.0 - result) * guessed
     return result if known is None else np.where(known, result, job.dtype.type(1.0))
+
+
+def _alpha(job: Job) -> float:
+    """This frame's weight before anything raises it."""
+    how, history = job.settings.temporal, job.history
+    assert history is not None
+    if how.start == "first":
+        return how.alpha
+    values = history.length // 2 if job.settings.checkerboard else history.length
+    return float(temporal.start_weight(values + 1, alpha=how.alpha))
