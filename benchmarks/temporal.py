@@ -28,13 +28,14 @@ from froxel_ref import scene_files
 from froxel_ref.assets import load_assets
 from froxel_ref.bilateral import half_depth
 from froxel_ref.blocks import available_threads
-from froxel_ref.frame import FINAL, QUANTITIES, Frame, run_frame
+from froxel_ref.frame import FINAL, QUANTITIES, Frame, Progress, run_frame
 from froxel_ref.presets import preset
 from froxel_ref.scene import Camera, DirectionalLight, Scene
 from froxel_ref.scene_files import Loaded
 from froxel_ref.settings import Settings, Temporal, replace
 
 FOG = ("media", "material", "lighting", "merged", "temporal")
+LIT = ("media", "lighting", "merged")
 OPACITY = tuple(name for name in QUANTITIES if name.startswith("fom/"))
 FRAMES = 8
 SCENE, FAR_SCENE = "thesis-hall", "long-range"
@@ -46,6 +47,7 @@ class Run(NamedTuple):
     stages: Mapping[str, Timing]
     fog: Timing
     whole: Timing
+    fog_megabytes: float
     megabytes: float
     image: np.ndarray
 
@@ -106,13 +108,21 @@ def settled(what: Hall, configurations: list[Configuration]) -> dict[Configurati
     return {each: frames[each._replace(merged=False)] for each in configurations}
 
 
-def peak(task: Callable[[], object]) -> float:
-    """Memory in MB that a task takes at most."""
+def peaks(task: Callable[[Progress], object]) -> tuple[float, float]:
+    """Memory in MB that a frame takes at most: while its media are made and lit, and at any time."""
+    most: dict[str, float] = {}
+    running = [""]
+
+    def tell(stage: str, index: int, count: int) -> None:
+        most[running[0]] = tracemalloc.get_traced_memory()[1] / 1e6
+        tracemalloc.reset_peak()
+        running[0] = stage
+
     tracemalloc.start()
-    task()
-    most = tracemalloc.get_traced_memory()[1] / 1e6
+    task(tell)
+    tell("", 0, 0)
     tracemalloc.stop()
-    return most
+    return max(most.get(name, 0.0) for name in LIT), max(most.values())
 
 
 def runs(what: Hall, configurations: list[Configuration], repeat: int) -> dict[Configuration, Run]:
@@ -129,11 +139,11 @@ def runs(what: Hall, configurations: list[Configuration], repeat: int) -> dict[C
             images.setdefault(each, frames[each][FINAL])
     for each in configurations:
         how, before = configured(what.settings, each), without_opacity_maps(frames.pop(each))
-        most[each] = peak(lambda how=how, before=before: what.frame(  # type: ignore[misc]
-            how, frame=FRAMES - 1 + repeat, previous=before, outputs=[FINAL]))
+        most[each] = peaks(lambda tell, how=how, before=before: what.frame(  # type: ignore[misc]
+            how, frame=FRAMES - 1 + repeat, previous=before, outputs=[FINAL], progress=tell))
     return {each: Run(stage_timings(stages[each]),
                       timing(sum(run.get(name, 0.0) for name in FOG) for run in stages[each]),
-                      timing(seconds[each]), most[each], images[each]) for each in configurations}
+                      timing(seconds[each]), *most[each], images[each]) for each in configurations}
 
 
 def shown(one: Timing) -> str:
@@ -150,9 +160,9 @@ def eight(measured: Mapping[Configuration, Run]) -> str:
         yes = ["yes" if value else "no" for value in (each.merged, each.checkerboard, each.shadows)]
         theirs = ("-", "-") if published is None else [f"{share:.2f}" for share in published]
         lines.append((each.number, *yes, shown(run.fog), f"{run.fog.least / plain.fog.least:.2f}", *theirs,
-                      shown(run.whole), f"{run.megabytes:.0f}", f"{error:.4f}"))
+                      shown(run.whole), f"{run.fog_megabytes:.0f}", f"{run.megabytes:.0f}", f"{error:.4f}"))
     return table(lines, ("", "merged", "checkerboard", "shadows", "media to filter", "share", *thesis_tables.GPUS,
-                         "frame", "MB", "image error"))
+                         "frame", "lit MB", "MB", "image error"))
 
 
 # --- what these do not measure ----------------------------------------------------------------------
