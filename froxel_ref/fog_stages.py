@@ -40,7 +40,7 @@ FILTERED = ("material/scattering", "material/extinction", "material/emission", "
 PACKED = "media/extinction"
 
 # Froxels of a slab, about: few enough that the V-Buffer is small, enough that no time goes into beginnings.
-SLAB = 1 << 16
+SLAB = 1 << 17
 
 
 class Piece(NamedTuple):
@@ -101,7 +101,8 @@ def _sublattice(froxels: Froxels, box: Index) -> Piece:
 def _slabs(piece: Piece) -> list[Piece]:
     depths = piece.froxels.depths
     rows, columns = piece.froxels.rays.length.shape
-    deep = max(2, SLAB // (rows * columns))  # of two slices it can be seen whether they differ (`Gathered.room`)
+    count = -(-len(depths) * rows * columns // SLAB)
+    deep = max(2, -(-len(depths) // count))  # of two slices it can be seen whether they differ (`Gathered.room`)
     ends = [(k, min(k + deep, len(depths))) for k in range(0, len(depths), deep)]
     return [Piece(piece.froxels._replace(depths=depths[a:b]), slices_of(piece.box, a, b),
                   (slice(a, b), *piece.place[1:])) for a, b in ends]
