@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from froxel_ref import tonemap
 from froxel_ref.arrays import Field, FogAt
 from froxel_ref.blue_noise import blue_noise
 from froxel_ref.buffers import Integrated
@@ -16,7 +17,6 @@ from froxel_ref.records import InputError
 from froxel_ref.sampling import fetch_trilinear
 from froxel_ref.settings import SWITCHES, FogLookup, Grid
 from froxel_ref.storage import store
-from froxel_ref.tonemap import FLOAT16_LARGEST_LUMA, tone_map
 
 __all__ = ["LOOKUPS", "composite", "fog_lookup", "lookup_bias", "lookup_fog"]
 
@@ -153,26 +153,32 @@ def fog_lookup(integrated: Integrated, grid: Grid, shape: tuple[int, int], *, lo
     dtype, (height, width) = integrated.radiance.dtype, shape
     light = _stored(_texels(integrated.radiance, integrated.front_radiance, 0.0, grid, lookup), how, toned=True)
     passed = _stored(_texels(integrated.transmittance, integrated.front_transmittance, 1.0, grid, lookup), how)
+    tint = passed.shape[:-3]
+    textures = [light, passed.reshape(-1, *passed.shape[-3:])]
+    if light.shape[-3:] == passed.shape[-3:]:  # one fetch finds its texels once for both
+        textures = [np.concatenate(textures)]
+    bias, noise = lookup_bias(how, lookup), blue_noise(dtype=dtype) if how.method == "noisy" else None
     fetch = fetch_biquadratic if how.method == "biquadratic" else fetch_trilinear
-    bias = lookup_bias(how, lookup)
-    toned, noise = how.stored == "tone_mapped", blue_noise(dtype=dtype) if how.method == "noisy" else None
-    most = {"carried": FLOAT16_LARGEST_LUMA if how.storage == "float16" else None, "luma": 1.0,
-            "bounded": 1.0 - 1e-6}[inverse_tone_map]
     nearest = _first_texel(lookup) if near_surface == "first_slice" else None
+    most = {"carried": tonemap.FLOAT16_LARGEST_LUMA if how.storage == "float16" else None, "luma": 1.0,
+            "bounded": 1.0 - 1e-6}[inverse_tone_map]
 
     def at(rows: NDArray[np.integer[Any]], columns: NDArray[np.integer[Any]], depth: Field) -> tuple[Field, Field]:
         x = ((columns + (0.5 + shift[0])) * (grid.width / width)).astype(dtype)
         y = ((rows + (0.5 + shift[1])) * (grid.height / height)).astype(dtype)
         z = _texel_depth(depth, grid, lookup, near_surface).astype(dtype)
-        if noise is None and bias == 0.0 and not toned:
-            return fetch(light, x, y, z, threads=threads), fetch(passed, x, y, z, threads=threads)
-        offsets = (np.zeros((1, 3, *(1,) * z.ndim), dtype) if noise is None else
-                   tap_offsets(rows, columns, frame, taps=how.taps, reach=how.reach, depth_share=how.depth_share,
-                               noise=noise, dtype=dtype))
-        radiance = noisy_lookup(light, x, y, z, offsets, bias=bias, nearest=nearest, tone_mapped=toned,
-                                largest_luma=most, fetch=fetch, threads=threads)
-        return radiance, noisy_lookup(passed, x, y, z, offsets, bias=bias, nearest=nearest, fetch=fetch,
-                                      threads=threads)
+        if noise is None and bias == 0.0:
+            found = [fetch(texture, x, y, z, threads=threads) for texture in textures]
+        else:
+            offsets = (np.zeros((1, 3, *(1,) * z.ndim), dtype) if noise is None else
+                       tap_offsets(rows, columns, frame, taps=how.taps, reach=how.reach, depth_share=how.depth_share,
+                                   noise=noise, dtype=dtype))
+            found = [noisy_lookup(texture, x, y, z, offsets, bias=bias, nearest=nearest, fetch=fetch, threads=threads)
+                     for texture in textures]
+        radiance, transmittance = (found[0][:3], found[0][3:]) if len(found) == 1 else found
+        if how.stored == "tone_mapped":
+            radiance = tonemap.inverse_tone_map(radiance, largest_luma=most)
+        return radiance, transmittance.reshape(*tint, *transmittance.shape[1:])
 
     return at
 
@@ -204,7 +210,7 @@ def lookup_bias(how: FogLookup, lookup: str) -> float:
 def _stored(texture: Field, how: FogLookup, *, toned: bool = False) -> Field:
     """A texture as it is kept: of radiance tone-mapped if so wanted, either in half floats."""
     if toned and how.stored == "tone_mapped":
-        texture = tone_map(texture)
+        texture = tonemap.tone_map(texture)
     if how.storage == "full":
         return texture
     return store(np.asarray(np.minimum(texture, texture.dtype.type(FLOAT16_MOST))), "float16")
