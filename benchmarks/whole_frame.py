@@ -70,8 +70,8 @@ def report(what: str, loaded: Loaded, frames: Iterator[Frame], beginning: int) -
             stages.setdefault(name, []).append(seconds)
         begin = time.perf_counter()
     g, c = loaded.settings.grid, loaded.scene.camera
-    print(f"\n{what}, {g.width}x{g.height}x{g.depth} froxels, {c.width}x{c.height} pixels, {available_threads()} threads;"
-          f" milliseconds, first {beginning} left out")
+    print(f"\n{what}, {g.width}x{g.height}x{g.depth} froxels, {c.width}x{c.height} pixels, "
+          f"{available_threads()} threads; milliseconds, first {beginning} left out")
     print(table([(name, f"{1e3 * min(all_[beginning:]):.1f}", f"{1e3 * statistics.median(all_[beginning:]):.1f}")
                  for name, all_ in stages.items()], ("stage", "least", "median")))
 

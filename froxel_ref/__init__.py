@@ -17,18 +17,25 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from froxel_ref.assets import load_assets
     from froxel_ref.frame import plan, run_frame
+    from froxel_ref.image_files import save_image
+    from froxel_ref.presets import preset
     from froxel_ref.records import InputError
     from froxel_ref.scene import Scene
     from froxel_ref.scene_files import load
+    from froxel_ref.sequence import run_sequence
     from froxel_ref.settings import Settings
     from froxel_ref.truth import trace
 
 __version__ = "0.1.0"
-__all__ = ["InputError", "Scene", "Settings", "__version__", "load", "load_assets", "plan", "run_frame", "trace"]
+__all__ = [
+    "InputError", "Scene", "Settings", "__version__", "load", "load_assets", "plan", "preset", "run_frame",
+    "run_sequence", "save_image", "trace",
+]
 
 _HOMES = {
     "InputError": "records", "Scene": "scene", "Settings": "settings", "load": "scene_files",
-    "load_assets": "assets", "plan": "frame", "run_frame": "frame", "trace": "truth",
+    "load_assets": "assets", "plan": "frame", "preset": "presets", "run_frame": "frame", "run_sequence": "sequence",
+    "save_image": "image_files", "trace": "truth",
 }
 
 

@@ -16,6 +16,7 @@ import signal
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -61,6 +62,7 @@ whose path is the last line printed.
 examples:
   froxel-ref golden
   froxel-ref golden thesis-hall -o golden-small --grid 32x18x16 --size 160x90
+  froxel-ref golden thesis-hall --preset thesis --frames 16 -o golden-whole
   froxel-ref golden smoke --data path/to/folder --set 'lights[0].irradiance=[3,3,3]'
 """
 EXPLAIN = """\
@@ -213,6 +215,9 @@ def _parser() -> argparse.ArgumentParser:
     render.add_argument("--resume", action="store_true", help="go on behind the last frame of a folder of frames")
     golden = command("golden", _golden, "write every stage's arrays as a golden set", GOLDEN)
     _scene_options(golden, default="thesis-hall")
+    golden.add_argument("--frames", metavar="N", default="1",
+                        help="compute a sequence of N frames and write the last one (default: 1)")
+    golden.add_argument("--rate", metavar="R", default="30", help="frames a second (default: 30)")
     _output_options(golden, "DIR", "folder to make (default: golden-SCENE)")
     explain = command("explain", _explain, "say which stages a scene needs, and why", EXPLAIN)
     _scene_options(explain)
@@ -296,6 +301,20 @@ def _run(loaded: Loaded, outputs: list[str] | None, progress: Progress) -> Frame
     return run_frame(loaded.scene, loaded.settings, assets=assets, outputs=outputs, progress=progress)
 
 
+def _last_of(loaded: Loaded, frames: int, rate: float, progress: Progress) -> Frame:
+    """The last frame of a sequence with all its results."""
+    from froxel_ref.assets import load_assets
+    from froxel_ref.quantities import final_result
+    from froxel_ref.sequence import run_sequence
+
+    assets = load_assets(loaded.scene, loaded.folder)
+    made = run_sequence(loaded.scene, frames=frames - 1, settings=loaded.settings, rate=rate, assets=assets,
+                        outputs=[final_result(loaded.settings)], progress=progress)
+    before = deque(made, maxlen=1).pop()  # one frame at a time is held
+    return next(run_sequence(loaded.scene, frames=frames, first=frames - 1, settings=loaded.settings, rate=rate,
+                             assets=assets, previous=before, progress=progress))
+
+
 def _tell_shortages(planned: Plan) -> None:
     """Lights that the atlas of opacity maps has less room for than they ask."""
     short = [f"{part.name}: {part.why}" for part in planned["fom"].parts if part.name.startswith("lights[")]
@@ -337,19 +356,37 @@ def _render(args: argparse.Namespace) -> None:
     print(path)
 
 
+def _sequence(args: argparse.Namespace) -> tuple[int, float]:
+    """How many frames, and how many a second."""
+    if not re.fullmatch(r"[0-9]{1,9}", args.frames) or not 1 <= int(args.frames) <= MOST_FRAMES:
+        raise InputError("--frames", f"is {shown(args.frames)}, must be a whole number, 1 to {MOST_FRAMES}")
+    if not re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", args.rate) or float(args.rate) <= 0.0:
+        raise InputError("--rate", f"is {shown(args.rate)}, must be a number above 0 such as 30")
+    return int(args.frames), float(args.rate)
+
+
+@contextmanager
+def _told_where(path: Path, *, folder: bool) -> Iterator[None]:
+    """Say what stands in a folder of frames when it is interrupted."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        done = len(list(path.glob("frame-*.png"))) if folder else 0
+        if done:
+            print(f"froxel-ref: interrupted; {done} frame{'s' * (done > 1)} in {path}, --resume goes on",
+                  file=sys.stderr)
+        raise
+
+
 def _render_sequence(args: argparse.Namespace) -> None:
     from froxel_ref.assets import load_assets
     from froxel_ref.image_files import ENDINGS, image_writer
     from froxel_ref.output import output_path
     from froxel_ref.sequence_files import write_animation, write_frames, write_last
 
-    if not re.fullmatch(r"[0-9]{1,9}", args.frames) or not 1 <= int(args.frames) <= MOST_FRAMES:
-        raise InputError("--frames", f"is {shown(args.frames)}, must be a whole number, 1 to {MOST_FRAMES}")
-    if not re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", args.rate) or float(args.rate) <= 0.0:
-        raise InputError("--rate", f"is {shown(args.rate)}, must be a number above 0 such as 30")
     if args.force and args.resume:
         raise InputError("--resume", "is given with --force, must be one of the two: go on, or begin anew")
-    frames, rate = int(args.frames), float(args.rate)
+    frames, rate = _sequence(args)
     path = output_path(args.output, f"frames-{Path(args.scene).stem}")
     animation = path.suffix.lower() == ".gif"
     last = path.suffix.lower() in ENDINGS
@@ -361,7 +398,7 @@ def _render_sequence(args: argparse.Namespace) -> None:
     write = image_writer(path) if last else None
     loaded = _load(args)
     assets = load_assets(loaded.scene, loaded.folder)
-    with progress("frames") as tell:
+    with progress("frames") as tell, _told_where(path, folder=not (animation or last)):
         if write is not None:
             write_last(loaded, assets, path, write, frames=frames, rate=rate, force=args.force, progress=tell)
         elif animation:
@@ -378,13 +415,14 @@ def _golden(args: argparse.Namespace) -> None:
     from froxel_ref.output import check_space, output_path
 
     loaded = _load(args)
+    frames, rate = _sequence(args)
     folder = output_path(args.output, f"golden-{Path(args.scene).stem}")
     check_target(folder, force=args.force)  # again when the folder is made: this one saves the wait
     plan(loaded.scene, loaded.settings)
     check_space(folder.absolute().parent, estimate_bytes(loaded.scene, loaded.settings), target=folder)
     with progress("steps") as tell:
-        frame = _run(loaded, None, tell)
-        golden = write_golden(frame, loaded, folder, force=args.force, progress=tell)
+        frame = _run(loaded, None, tell) if frames == 1 else _last_of(loaded, frames, rate, tell)
+        golden = write_golden(frame, loaded, folder, number=frames - 1, rate=rate, force=args.force, progress=tell)
     rows = [("stage", "arrays", "MB", "seconds", "")]
     for entry in golden.manifest["stages"]:
         files = [a["file"] for a in golden.manifest["arrays"] if a["name"].startswith(entry["name"] + "/")]

@@ -247,7 +247,8 @@ def needs_maps(scene: Scene, settings: Settings) -> tuple[bool, str]:
         return False, "the scene has nothing that dims light on its way"
     count = len(dimmed_lamps(scene, settings)) + len(dimmed_suns(scene))
     if not count:
-        return False, "no light that casts shadows is dimmed by a medium or particle"
+        return False, ("no light that casts shadows is dimmed by a medium or particle (media without end dim lamps, "
+                       "not suns)")
     if settings.volumetric_shadows == "exact":
         return False, "volumetric shadows are exact: along a ray from every point"
     return True, f"{count} light{'s' * (count > 1)} that media or particles may dim"

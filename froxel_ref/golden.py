@@ -28,6 +28,7 @@ from froxel_ref.quantities import QUANTITIES, Quantity, raster_size, stored_grid
 from froxel_ref.records import to_json
 from froxel_ref.scene import Camera, ParticleCloud, Scene
 from froxel_ref.scene_files import Loaded, document
+from froxel_ref.sequence import RATE
 from froxel_ref.settings import SWITCHES, Grid
 from froxel_ref.stages import STAGES
 
@@ -50,6 +51,8 @@ ABOUT = {
              "rows run from the top of the image, slices away from the camera",
     "varies": "the axes along which the values may differ; along the others they are repeated",
     "sha256": "of the whole file's bytes, header included",
+    "frame": "its number in a sequence from 0 at so many frames a second, which it remembers, and the scene's time "
+             "then; the input is as the sequence begins",
     "resolved_switches": "the choice in force for each departure of the sources, as fidelity and switches "
                          "in input.settings make it",
 }
@@ -281,8 +284,8 @@ def _plain(array: Field) -> Any:
 # --- writing ----------------------------------------------------------------------------------------
 
 
-def write_golden(frame: Frame, loaded: Loaded, folder: Path, *, force: bool = False,
-                 progress: Progress | None = None) -> GoldenSet:
+def write_golden(frame: Frame, loaded: Loaded, folder: Path, *, number: int = 0, rate: float = RATE,
+                 force: bool = False, progress: Progress | None = None) -> GoldenSet:
     """Write a frame's results, pictures and manifest into a folder that appears whole or not at all.
 
     Parameters
@@ -293,6 +296,10 @@ def write_golden(frame: Frame, loaded: Loaded, folder: Path, *, force: bool = Fa
         Scene, settings and the folder of the files that the scene names.
     folder : Path
         The folder to make.
+    number : int
+        Of the frame, if it is one of a sequence from 0.
+    rate : float [1/s]
+        Of that sequence.
     force : bool
         Replace a golden set that stands there, once the new one is complete.
     progress : callable, optional
@@ -337,6 +344,7 @@ def write_golden(frame: Frame, loaded: Loaded, folder: Path, *, force: bool = Fa
             "made_by": {"froxel-ref": __version__, "numpy": np.__version__},
             "input": document(loaded.scene, loaded.settings),
             "resolved_switches": {name: getattr(loaded.settings, name) for name in SWITCHES},
+            "frame": {"number": number, "rate": rate, "time": frame.settings.time},
             "strewn": _strewn(loaded.scene),
             "input_files": checksums(loaded.scene, loaded.folder),
             "stages": _stage_entries(frame), "contact_sheet": CONTACT_SHEET,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from froxel_ref.records import InputError, shown
 if TYPE_CHECKING:
     from froxel_ref.frame import Frame
 
-__all__ = ["ENDINGS", "display_image", "image_writer", "linear_image", "write_png"]
+__all__ = ["ENDINGS", "display_image", "image_writer", "linear_image", "save_image", "write_png"]
 
 ENDINGS = (".png", ".npy", ".exr")
 """Of files that hold an image."""
@@ -134,6 +135,34 @@ def display_image(frame: Frame) -> NDArray[np.uint8]:
     (2, 4, 3)
     """
     return final_image(frame.image, View(frame.scene.camera, frame.settings.grid, frame.display_exposure))
+
+
+def save_image(frame: Frame, path: str | PathLike[str]) -> None:
+    """Write a frame's final image.
+
+    Parameters
+    ----------
+    frame : Frame
+        With its final image.
+    path : path
+        Its ending says what is written, as for `image_writer`; a file that stands there is replaced.
+
+    Raises
+    ------
+    InputError
+        Another ending.
+    OSError
+        It cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import froxel_ref
+    >>> scene, settings, _ = froxel_ref.load("vacuum", overrides=["camera.width=4", "camera.height=2"])
+    >>> save_image(froxel_ref.run_frame(scene, settings), Path(tempfile.mkdtemp(), "vacuum.png"))
+    """
+    place = Path(path)
+    image_writer(place)(place, frame)
 
 
 def _write_display(path: Path, frame: Frame) -> None:

@@ -146,7 +146,7 @@ def _resolved(path: Path, place: str) -> Path:
 
 
 def check_folder(folder: Path, foreign: Callable[[Path], str | None], *, force: bool, kind: str,
-                 short: str) -> None:
+                 short: str, instead: str = "--force to replace it") -> None:
     """Whether a folder of results may be written there: nowhere but on an earlier one, and only if told to.
 
     Parameters
@@ -159,6 +159,8 @@ def check_folder(folder: Path, foreign: Callable[[Path], str | None], *, force: 
         Whether what stands there may be replaced.
     kind, short : str
         What such a folder is called, in full and again.
+    instead : str
+        What may be given where one stands already.
 
     Raises
     ------
@@ -178,7 +180,7 @@ def check_folder(folder: Path, foreign: Callable[[Path], str | None], *, force: 
         if not folder.is_dir():
             raise InputError("output", f"{name} is a file, must be a folder")
         if not force:
-            raise InputError("output", f"{name} exists; give --force to replace it")
+            raise InputError("output", f"{name} exists; give {instead}")
         found = foreign(folder)
     except OSError as error:
         raise refusal(error, "output", folder) from None

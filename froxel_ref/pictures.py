@@ -353,9 +353,15 @@ def _title(frame: Frame, width: int) -> Image:
     return image
 
 
+def _hero_names(frame: Frame) -> list[str]:
+    """The final image, averaged if there is an average, and what it is made of."""
+    found = [name for name in HERO if name in frame.results and frame.results[name].size]
+    return [name for name in found if name != FINAL or AVERAGED not in found]
+
+
 def _hero(frame: Frame, view: View, width: int) -> Image:
     """The final image large; beside it, as tall together, what it is made of."""
-    shown = [name for name in HERO if name in frame.results and frame.results[name].size]
+    shown = _hero_names(frame)
     if not shown:
         return canvas(width, 1)
     aspect = view.camera.width / view.camera.height
@@ -393,7 +399,7 @@ def _stage(frame: Frame, planned: Planned, view: View, width: int) -> Image:
         words = f"left out: {planned.why}" + "  ·  its neutral values stand below" * below
         write(heading, (160, 19), words, 19, AMBER, width - 160)
     skipped = [f"{part.name} ({part.why})" for part in planned.parts if not part.runs]
-    above = [name for name in planned.stage.writes if name in HERO and name in frame.results]
+    above = [name for name in planned.stage.writes if name in _hero_names(frame)]
     notes = (["left out within it: " + ",  ".join(skipped)] if skipped and planned.runs else []) + (
         ["on top of the page: " + ", ".join(above)] if above else [])
     images = [heading]
@@ -401,7 +407,8 @@ def _stage(frame: Frame, planned: Planned, view: View, width: int) -> Image:
         line = canvas(width, 26)
         write(line, (0, 0), note, 18, FAINT, width)
         images.append(line)
-    names = [name for name in frame.plan.written_by(planned) if name in frame.results and name not in HERO]
+    hero = _hero_names(frame)
+    names = [name for name in frame.plan.written_by(planned) if name in frame.results and name not in hero]
     cells = [_cell(frame.results[name], name, view._replace(grid=stored_grid(name, frame.settings)), width)
              for name in names if frame.results[name].size]
     rows = [cell for cell in cells if cell.width >= width // 2]

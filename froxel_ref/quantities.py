@@ -98,7 +98,7 @@ QUANTITIES: dict[str, Quantity] = {
     "temporal/extinction": Quantity("zyx", "1/m", "extinction filtered over frames, holes filled"),
     "temporal/unphased": Quantity("czyx", PER_METRE, "filtered in-scattering over the phase ratio"),
     "temporal/valid": Quantity("zyx", "1", "1 where the froxel was in view a frame ago, 0 where history begins"),
-    "temporal/guessed": Quantity("zyx", "1", "the same: share of a guess in the average, until something is computed"),
+    "temporal/guessed": Quantity("zyx", "1", "share that holes took from neighbours, and no frame has computed yet"),
     "integrate/radiance": Quantity("czyx", RADIANCE, "fog's radiance up to the slice's far boundary"),
     "integrate/transmittance": Quantity("zyx", "1", "transmittance up to the slice's far boundary"),
     "integrate/front_radiance": Quantity("cyx", RADIANCE, "fog's radiance up to the near boundary", "grid"),
@@ -113,8 +113,8 @@ QUANTITIES: dict[str, Quantity] = {
     "particles/transmittance": Quantity("yx", "1", "share of what lies behind these that passes"),
     "apply/fog_radiance": Quantity("cyx", RADIANCE, "fog's radiance in front of each pixel's surface, long range too"),
     "apply/fog_transmittance": Quantity("yx", "1", "transmittance in front of each pixel's surface"),
-    FINAL: Quantity("cyx", RADIANCE, "the final image: surface times transmittance, plus fog, under particles"),
-    AVERAGED: Quantity("cyx", RADIANCE, "the final image averaged over frames"),
+    FINAL: Quantity("cyx", RADIANCE, "this frame's image: surface times transmittance, plus fog, under particles"),
+    AVERAGED: Quantity("cyx", RADIANCE, "the images up to this frame, averaged"),
 }
 
 

@@ -58,7 +58,8 @@ def check_target(folder: Path, *, force: bool, resume: bool) -> None:
     InputError
         The place is taken.
     """
-    check_folder(folder, _foreign, force=force or resume, kind="sequence", short="sequence")
+    check_folder(folder, _foreign, force=force or resume, kind="sequence", short="sequence",
+                 instead="--resume to go on with it, --force to replace it")
 
 
 def _foreign(folder: Path) -> str | None:
@@ -164,7 +165,7 @@ def _state(folder: Path, written: Any, rate: float) -> _State | None:
         return None
     if manifest.get("input") != json.loads(json.dumps(written)) or manifest.get("rate") != rate:
         raise InputError("output", f"{shown(str(folder))} holds a sequence of another scene, other settings or another "
-                                   "rate, must be the same to be gone on with; give --force to begin anew")
+                                   "rate, and cannot be gone on with; give --force to begin anew")
     try:
         return _read_state(folder / STATE)
     except FileNotFoundError:

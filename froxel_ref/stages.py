@@ -354,7 +354,7 @@ def _apply_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     fog, _ = _needs_fog(scene, settings)
     how = settings.fog_lookup
     bias = apply.lookup_bias(how, settings.lookup)
-    words = how.method + (f", {bias:g} slices nearer" if bias else "")
+    words = how.method + (f", {bias:g} slice{'s' * (bias != 1)} nearer" if bias else "")
     return (Part("fog lookup", fog, f"at each pixel's depth, {words}" if fog else "the scene has no fog to look up"),
             Part("long range", *long_range_stage.needs_long_range(scene, settings)),
             Part("surface", *_needs_surface(scene, settings)),

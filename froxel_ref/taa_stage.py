@@ -48,7 +48,7 @@ def needs_average(scene: Scene, settings: Settings) -> tuple[bool, str]:
     (False, 'temporal anti-aliasing is off')
     """
     on = settings.taa.on
-    return on, f"weight {settings.taa.alpha:g}" if on else "temporal anti-aliasing is off"
+    return on, f"temporal anti-aliasing, weight {settings.taa.alpha:g}" if on else "temporal anti-aliasing is off"
 
 
 def no_average(job: Job) -> dict[str, Field]:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from froxel_ref import load, preset, run_sequence
+from froxel_ref.cli import main
 from froxel_ref.frame import FINAL, QUANTITIES, Frame, estimate_bytes, plan, run_frame
 from froxel_ref.quantities import AVERAGED, final_result
 from froxel_ref.records import InputError
@@ -412,5 +416,26 @@ def test_exposed_light_keeps_its_history() -> None:
 
 def test_nothing_is_planned_that_a_still_frame_does_not_need() -> None:
     assert not plan(VARIED, Settings(), [FINAL])["taa"].runs
-    assert plan(VARIED, ALL, [AVERAGED])["taa"].why == "weight 0.1"
+    assert plan(VARIED, ALL, [AVERAGED])["taa"].why == "temporal anti-aliasing, weight 0.1"
     assert plan(Scene(), ALL, [AVERAGED])["long_range"].why == "no medium reaches behind the froxels"
+
+
+# --- a golden set of a later frame ------------------------------------------------------------------
+
+
+def test_a_golden_set_may_be_of_a_frame_that_remembers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last of a sequence, its number and time in the manifest; the arrays are those of `run_sequence`."""
+    monkeypatch.chdir(tmp_path)
+    small = ["--preset", "thesis", "--size", "16x12", "--grid", "8x6x5"]
+    assert main(["golden", "lights", *small, "--frames", "3", "-o", "set"]) == 0
+    manifest = json.loads((tmp_path / "set" / "manifest.json").read_text())
+    assert manifest["frame"] == {"number": 2, "rate": 30.0, "time": pytest.approx(2.0 / 30.0)}
+    scene, settings, _ = load("lights", overrides=[
+        *preset("thesis"), "camera.width=16", "camera.height=12", "grid.width=8", "grid.height=6", "grid.depth=5"])
+    *_, last = run_sequence(scene, frames=3, settings=settings)
+    for name in ("temporal/in_scattering", AVERAGED):
+        written = np.moveaxis(np.load(tmp_path / "set" / f"{name}.npy"), -1, 0)
+        np.testing.assert_array_equal(*np.broadcast_arrays(written, last[name]))
+    assert np.load(tmp_path / "set" / "temporal" / "valid.npy").min() == 1.0
+    assert main(["golden", "lights", *small, "--frames", "0", "-o", "none"]) == 2
+    assert not (tmp_path / "none").exists()

@@ -84,7 +84,7 @@ def test_an_interrupted_run_goes_on(scene: Path, tmp_path: Path) -> None:
 def test_nothing_is_replaced_unless_told_to(scene: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     write(scene, out, frames=3)
-    with pytest.raises(InputError, match="exists; give --force"):
+    with pytest.raises(InputError, match="exists; give --resume to go on with it, --force to replace it"):
         write(scene, out)
     write(scene, out, frames=2, force=True)
     assert sorted(content(out)) == ["frame-00000.png", "frame-00001.png"]
