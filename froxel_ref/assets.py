@@ -27,6 +27,7 @@ from froxel_ref.scene import (
     Surface,
     VolumeDensity,
 )
+from froxel_ref.scene_space import STRONGEST
 from froxel_ref.volumes import noise, open_input, read_density, read_npy, refuse
 
 __all__ = ["Assets", "checksums", "fold_heights", "input_path", "load_assets", "read_mesh"]
@@ -358,8 +359,8 @@ def _images(scene: Scene, folder: Folder) -> tuple[NDArray[Any] | None, NDArray[
         place = "image_buffers.radiance"
         file = input_path(folder, buffers.radiance, place)
         colour = _image(file, (camera.height, camera.width, 3), place)
-        refuse(colour, ~(np.isfinite(colour) & (colour >= 0.0)), "radiance must be finite and at least 0",
-               file, place=place)
+        refuse(colour, ~((colour >= 0.0) & (colour <= STRONGEST)),
+               f"radiance must be at least 0 and at most {STRONGEST:g}", file, place=place)
         radiance = np.ascontiguousarray(np.moveaxis(colour, 2, 0), np.float64)
     return depth, radiance
 

@@ -31,8 +31,8 @@ from froxel_ref.shadow_stage import map_bytes
 from froxel_ref.stages import STAGES
 
 __all__ = [
-    "FINAL", "QUANTITIES", "Frame", "Plan", "Planned", "Quantity", "estimate_bytes", "plan", "run_frame",
-    "working_bytes",
+    "FINAL", "QUANTITIES", "Frame", "Plan", "Planned", "Quantity", "estimate_bytes", "plan", "remembered",
+    "run_frame", "working_bytes",
 ]
 
 Progress = Callable[[str, int, int], None]
@@ -390,11 +390,37 @@ def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets 
     return Frame(wanted, the_plan, timings, scene, settings, kept, tuple(reused), _history(job, held))
 
 
+def remembered(settings: Settings) -> frozenset[str]:
+    """The results that a frame hands to the next.
+
+    Parameters
+    ----------
+    settings : Settings
+
+    Returns
+    -------
+    frozenset of str
+
+    Examples
+    --------
+    >>> from froxel_ref.settings import AntiAliasing
+    >>> sorted(remembered(Settings(taa=AntiAliasing(on=True))))
+    ['taa/radiance']
+    """
+    names = {AVERAGED} if settings.taa.on else set()
+    if settings.temporal.filter == "media":
+        names |= set(material_stage.HISTORY)
+    return frozenset(names | set(temporal_stage.HISTORY if temporal_stage.needs_filter(settings)[0] else ()))
+
+
 def _history(job: Job, held: Mapping[str, Field]) -> History | None:
     """What temporal filters hand to the next frame; nothing where none ran."""
     if not any(array.size for array in held.values()):
         return None
     for array in held.values():
         array.flags.writeable = False
-    length = 1 if job.history is None else job.history.length + 1
+    fog = (temporal_stage.HISTORY[1], material_stage.HISTORY[0])
+    goes_on = job.history is not None and any(
+        name in job.history.fields and job.history.fields[name].size for name in fog)
+    length = job.history.length + 1 if job.history is not None and goes_on else 1
     return History(held, job.scene.camera, job.settings.grid, job.exposure, length)

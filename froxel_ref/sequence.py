@@ -133,6 +133,8 @@ def run_sequence(scene: Scene, camera_path: CameraPath | None = None, frames: in
     """
     settings = settings or Settings()
     _check(frames, first, rate, camera_path, cuts)
+    frames = int(frames)
+    replace(settings, time=settings.time + (frames - 1) / rate)  # refuses a time that is not allowed
     for number in range(first, frames):
         moment(scene, camera_path, number, rate=rate)
     return _frames(scene, camera_path, range(first, frames), settings, rate, frozenset(cuts),
@@ -141,12 +143,18 @@ def run_sequence(scene: Scene, camera_path: CameraPath | None = None, frames: in
 
 def _check(frames: int, first: int, rate: float, camera_path: CameraPath | None,
            cuts: Collection[int]) -> None:
-    if isinstance(frames, bool) or not isinstance(frames, int) or frames < 1:
+    if isinstance(frames, bool) or not isinstance(frames, int | np.integer) or frames < 1:
         raise InputError("frames", f"is {shown(frames)}, must be a whole number of at least 1")
     if isinstance(first, bool) or not isinstance(first, int) or not 0 <= first < frames:
         raise InputError("first", f"is {shown(first)}, must be a frame from 0 to {frames - 1}")
-    if not (np.isfinite(rate) and rate > 0.0):
+    if isinstance(rate, bool) or not isinstance(rate, int | float | np.number) or not (
+            np.isfinite(rate) and rate > 0.0):
         raise InputError("rate", f"is {shown(rate)}, must be a number above 0")
+    if camera_path is not None and not callable(camera_path) and not isinstance(camera_path, Sequence):
+        raise InputError("camera_path", f"is a {type(camera_path).__name__}, must be a sequence of cameras, or a "
+                                        "function of a frame's number")
+    if not isinstance(cuts, Collection):
+        raise InputError("cuts", f"is {shown(cuts)}, must be a collection of frames")
     if camera_path is not None and not callable(camera_path) and len(camera_path) < frames:
         raise InputError("camera_path", f"has {len(camera_path)} cameras, must have one for each of {frames} frames")
     beyond = next((cut for cut in cuts if cut not in range(frames)), None)

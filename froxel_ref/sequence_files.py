@@ -5,8 +5,6 @@ from __future__ import annotations
 import io
 import json
 import re
-import zipfile
-import zlib
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from froxel_ref.assets import Assets
-from froxel_ref.frame import Frame, Progress, plan
+from froxel_ref.frame import Frame, Progress, plan, remembered
 from froxel_ref.image_files import display_image, write_png
 from froxel_ref.jobs import History
 from froxel_ref.output import check_folder, read_manifest, refusal, whole_file
@@ -26,7 +24,7 @@ from froxel_ref.records import InputError, from_json, shown, to_json
 from froxel_ref.scene import Camera
 from froxel_ref.scene_files import Loaded, document
 from froxel_ref.sequence import run_sequence
-from froxel_ref.settings import Grid
+from froxel_ref.settings import Grid, Settings
 
 __all__ = ["MANIFEST", "STATE", "check_target", "write_animation", "write_frames"]
 
@@ -117,7 +115,7 @@ def write_frames(loaded: Loaded, assets: Assets, folder: Path, *, frames: int, r
     """
     check_target(folder, force=force, resume=resume)
     written = document(loaded.scene, loaded.settings)
-    state, final = _state(folder, written, rate) if resume else None, final_result(loaded.settings)
+    state, final = _state(folder, written, rate, loaded.settings) if resume else None, final_result(loaded.settings)
     first = 0 if state is None else state.frame + 1
     if first >= frames:
         return 0
@@ -158,30 +156,41 @@ def _packed(frame: int, history: History | None) -> bytes:
     return file.getvalue()
 
 
-def _state(folder: Path, written: Any, rate: float) -> _State | None:
+def _state(folder: Path, written: Any, rate: float, settings: Settings) -> _State | None:
     """Where a folder's sequence stands; nothing where there is none."""
     manifest = read_manifest(folder / MANIFEST, FORMAT)
     if manifest is None:
         return None
+    if manifest.get("version") != VERSION:
+        raise InputError("output", f"{shown(str(folder))} holds a sequence of version "
+                                   f"{shown(manifest.get('version'))}, must be {VERSION}; give --force to begin anew")
     if manifest.get("input") != json.loads(json.dumps(written)) or manifest.get("rate") != rate:
         raise InputError("output", f"{shown(str(folder))} holds a sequence of another scene, other settings or another "
                                    "rate, and cannot be gone on with; give --force to begin anew")
     try:
-        return _read_state(folder / STATE)
+        state = _read_state(folder / STATE, remembered(settings))
     except FileNotFoundError:
         return None
-    except (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error) as error:
-        why = " ".join(str(error).split())[:200]
+    except Exception as error:  # a damaged archive raises whatever it likes
+        why = " ".join((str(error) or type(error).__name__).split())[:200]
         raise InputError("output", f"{shown(str(folder / STATE))} cannot be read ({why}), must be as a sequence left "
                                    "it; give --force to begin anew") from None
+    missing = next((n for n in range(state.frame + 1) if not (folder / PICTURE.format(n)).is_file()), None)
+    if missing is not None:
+        raise InputError("output", f"{shown(str(folder))} lacks {PICTURE.format(missing)}, must have all pictures up "
+                                   f"to {PICTURE.format(state.frame)}; give --force to begin anew")
+    return state
 
 
-def _read_state(path: Path) -> _State:
+def _read_state(path: Path, names: frozenset[str]) -> _State:
     """A state as `_packed` wrote it; any of several errors where it is not one."""
     with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
         facts = json.loads(str(file["facts"]))
         fields = {name.replace(".", "/"): file[name] for name in file.files if name != "facts"}
     held, number = facts["history"], facts["frame"]
+    if names != (set(fields) if held is not None else set()):
+        raise ValueError(f"it holds {', '.join(sorted(fields)) or 'nothing'}, not "
+                         f"{', '.join(sorted(names)) or 'nothing'}")
     if held is None:
         return _State(_whole(number, 0), None)
     history = History(fields, from_json(Camera, held["camera"]), from_json(Grid, held["grid"]),

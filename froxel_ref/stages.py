@@ -214,7 +214,7 @@ def _run_fom(job: Job, results: Results) -> dict[str, Field]:
 def _needs_material(scene: Scene, settings: Settings) -> Need:
     if settings.temporal.filter != "media":
         return False, "no temporal filter of media"
-    return _has_media(scene, settings)
+    return True, "filter: media"  # media that are no more there may be remembered
 
 
 # --- lighting ---------------------------------------------------------------------------------------
@@ -233,6 +233,8 @@ def _needs_lighting(scene: Scene, settings: Settings) -> Need:
 
 
 def _has_light(scene: Scene, settings: Settings) -> Need:
+    if settings.temporal.filter == "media":
+        return True, "media that are no more there may be remembered (filter: media)"
     if not _media(scene):
         return False, "there is no medium to scatter light"
     sources = _sources(scene, settings)
@@ -282,8 +284,7 @@ def _merged_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
 
 
 def _needs_temporal(scene: Scene, settings: Settings) -> Need:
-    filters, fog = temporal_stage.needs_filter(settings), _has_media(scene, settings)
-    return filters if fog[0] or not filters[0] else fog
+    return temporal_stage.needs_filter(settings)  # fog that is no more there may be remembered
 
 
 # --- integrate --------------------------------------------------------------------------------------
@@ -292,7 +293,10 @@ def _needs_temporal(scene: Scene, settings: Settings) -> Need:
 def _needs_integrate(scene: Scene, settings: Settings) -> Need:
     if settings.integrator in ("published", "simple") and not _media(scene):
         return True, f"the integrator {settings.integrator!r} dims even a vacuum (D3)"
-    return _has_media(scene, settings)
+    fog = _has_media(scene, settings)
+    if not fog[0] and (settings.checkerboard or settings.temporal.filter != "off"):
+        return True, "fog that is no more there may be remembered"
+    return fog
 
 
 def _neutral_integrate(job: Job) -> dict[str, Field]:

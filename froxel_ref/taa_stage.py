@@ -88,7 +88,6 @@ def resolve_options(settings: Settings) -> dict[str, Any]:
     how = settings.taa
     return {"gamma": how.gamma, "clip": how.clip, "kernel": how.kernel, "tone_mapping": how.tone_mapping,
             "space": settings.taa_space, "border": settings.taa_border,
-            "largest": FLOAT16_MOST if how.storage == "float16" else None,
             **BOXES[settings.taa_box], **INVERSES[settings.inverse_tone_map]}
 
 
@@ -122,6 +121,9 @@ def averaged_image(job: Job, results: Results) -> dict[str, Field]:
     exposure = job.dtype.type(1.0 if job.settings.exposure == "lighting" else camera.exposure)
     image = np.broadcast_to(results[FINAL], (3, *shape)) * exposure
     options = resolve_options(job.settings)
+    half = how.storage == "float16"
+    if half:  # what the texture holds, as exposed
+        options["largest"] = min(FLOAT16_MOST * float(exposure), float(np.finfo(job.dtype).max))
     if past is None or not _has_image(past) or (past.camera.height, past.camera.width) != shape:
         made = taa.resolve(image, None, threads=job.threads, **options)
     else:
@@ -134,4 +136,4 @@ def averaged_image(job: Job, results: Results) -> dict[str, Field]:
         made = taa.resolve(image, before, pixels, alpha=alpha, exposure_ratio=job.exposure / past.exposure,
                            threads=job.threads, **options)
     made /= exposure
-    return {AVERAGED: store(made, "float16") if how.storage == "float16" else made}
+    return {AVERAGED: store(np.minimum(made, job.dtype.type(FLOAT16_MOST)), "float16") if half else made}

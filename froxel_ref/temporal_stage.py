@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from froxel_ref import blocks, checkerboard, ghosting, temporal
 from froxel_ref.arrays import Field, Index
 from froxel_ref.grid_parts import part_of
-from froxel_ref.jobs import Job, Part, Results
+from froxel_ref.jobs import History, Job, Part, Results
 from froxel_ref.scene import Scene
 from froxel_ref.settings import Settings
 
@@ -172,43 +172,73 @@ def filtered_fields(job: Job, results: Results) -> dict[str, Field]:
     "unphased" keeps light divided by what the phase function makes of it, and each frame multiplies by its own ratio
     [Lagarde 2018]: so what a turning camera does with the phase function is never old. The ratio is of lights that
     nothing hides, at the froxels' middles, so at rest it changes nothing. Of several lights it is that of their sum,
-    whichever of them are hidden. A hole of the
-    checkerboard is its history alone, or the mean of its neighbours where it has none [§3.2.9]. Of "media" light has
-    holes and nothing else: extinction comes without, from `froxel_ref.material_stage`.
+    whichever of them are hidden. A hole of the checkerboard is its history alone, or the mean of its neighbours where
+    it has none [§3.2.9]. Of "media" light has holes and nothing else: extinction comes without, from
+    `froxel_ref.material_stage`.
     """
     how = job.settings
     if not needs_filter(how)[0]:  # forced, but not to what was switched off
         return nothing_filtered(job)
-    unphased = how.temporal.filter == "unphased"
-    light, name = results["lighting/in_scattering"], HISTORY[2 if unphased else 0]
-    if unphased:
-        light = light / results["lighting/phase_ratio"]
-    empty = np.zeros((3, 0, 0, 0), job.dtype)
+    light, empty = results["lighting/in_scattering"], np.zeros((3, 0, 0, 0), job.dtype)
     if how.temporal.filter == "media":
-        (light,), *rest = _filtered(job, {name: light})
+        (light,), *rest = _filtered(job, {HISTORY[0]: light})
         return dict(zip(FIELDS, (light, results["material/extinction"], empty, *rest), strict=True))
-    (light, dense), *rest = _filtered(job, {name: light, HISTORY[1]: results["media/extinction"]})
+    unphased = how.temporal.filter == "unphased"
+    ratio = results["lighting/phase_ratio"]
+    if unphased and not ratio.size:  # there is no light
+        ratio = np.ones((3, 1, 1, 1), job.dtype)
+    if unphased:
+        light = np.divide(light, ratio, where=ratio > 0.0, out=np.zeros(np.broadcast_shapes(light.shape, ratio.shape),
+                                                                       job.dtype))
+    (light, dense), *rest = _filtered(job, {HISTORY[2 if unphased else 0]: light,
+                                            HISTORY[1]: results["media/extinction"]})
     if not unphased:
         return dict(zip(FIELDS, (light, dense, empty, *rest), strict=True))
-    ratio = filled(job, results["lighting/phase_ratio"])
-    return dict(zip(FIELDS, (light * ratio, dense, light, *rest), strict=True))
+    return dict(zip(FIELDS, (_phased(job, light, ratio), dense, light, *rest), strict=True))
+
+
+def _phased(job: Job, light: Field, ratio: Field) -> Field:
+    """Light times what the phase function makes of it; in a checkerboard's holes as it was, where it was."""
+    made: Field = light * filled(job, ratio)
+    past, known = _past(job, HISTORY[0]), _known(job)
+    if past is None or known is None:
+        return made
+    history, place = past
+    old = _fetched(job, history, HISTORY[0], place)
+    return np.where(~known & temporal.usable(old, place.valid), old, made)
+
+
+def _past(job: Job, name: str) -> tuple[History, temporal.HistoryPosition] | None:
+    """A history that has a field, and where this frame's froxels lie in it."""
+    history = job.history
+    if history is None or name not in history.fields or not history.fields[name].size:
+        return None
+    return history, temporal.history_position(job.settings.grid, job.scene.camera, history.camera,
+                                              previous_grid=history.grid)
+
+
+def _fetched(job: Job, history: History, name: str, place: temporal.HistoryPosition) -> Field:
+    """A field of the history where this frame's froxels were; light at this frame's exposure (A12)."""
+    old = temporal.reproject(history.fields[name].astype(job.dtype, copy=False), place, threads=job.threads)
+    ratio = 1.0 if name == HISTORY[1] else job.exposure / history.exposure
+    return old if ratio == 1.0 else old * job.dtype.type(ratio)
 
 
 def _filtered(job: Job, fields: Mapping[str, Field]) -> tuple[list[Field], Field, Field]:
     """Fields, light first, averaged with their history; where they have one; and what is guessed of them."""
-    history, light = job.history, next(iter(fields))
-    averages = averages_light(job.settings)
-    if history is None or light not in history.fields or not history.fields[light].size:
+    averages, past = averages_light(job.settings), _past(job, next(iter(fields)))
+    if past is None:
         return ([filled(job, field) for field in fields.values()], np.zeros((1, 1, 1), job.dtype),
                 guesses(job, averages)[1])
-    place = temporal.history_position(job.settings.grid, job.scene.camera, history.camera, previous_grid=history.grid)
+    history, place = past
     old_guess, guess = guesses(job, averages, history.fields.get(HISTORY[3]), place)
     made = []
     for name, new in fields.items():
-        old = temporal.reproject(history.fields[name].astype(job.dtype, copy=False), place, threads=job.threads)
-        ratio = job.exposure / history.exposure if name == light else 1.0
-        if ratio != 1.0:
-            old = old * job.dtype.type(ratio)
+        old = _fetched(job, history, name, place)
+        if old.ndim > new.ndim:  # extinction was of three colours
+            new = np.broadcast_to(new, (3, *new.shape))
+        elif old.ndim < new.ndim:
+            old = old[np.newaxis]
         made.append(_averaged(job, new, old, place.valid, old_guess) if averages else
                     filled(job, new, old, place.valid))
     return made, place.valid.astype(job.dtype), guess
@@ -325,7 +355,8 @@ def guesses(job: Job, averages: bool, history: Field | None = None, place: tempo
     if place.valid.all() and not history.any():
         return None, np.zeros((1, 1, 1), job.dtype)
     before = temporal.reproject(history.astype(job.dtype, copy=False), place, threads=job.threads)
-    return before, np.where(known, job.dtype.type(0.0), np.where(place.valid, before, job.dtype.type(1.0)))
+    before = np.where(place.valid & (before >= 0.0), np.minimum(before, 1.0), job.dtype.type(1.0))
+    return before, np.where(known, job.dtype.type(0.0), before)
 
 
 def held(job: Job, history: Field, field: Field) -> Field:

@@ -226,7 +226,7 @@ def test_plans_say_what_filters() -> None:
     assert on["temporal"].why == "checkerboard, filter: scattering"
     assert {part.name: part.runs for part in on["temporal"].parts} == {
         "average": True, "holes": True, "clamp": True, "variable weight": False}
-    assert not plan(Scene(), how())["temporal"].runs
+    assert plan(Scene(), how())["temporal"].runs  # fog of the frame before may be remembered
 
 
 def test_bad_input_is_named() -> None:

@@ -44,7 +44,7 @@ from froxel_ref.scene import (
 from froxel_ref.scene_files import load
 from froxel_ref.sequence import moment, run_sequence
 from froxel_ref.sequence_files import STATE
-from froxel_ref.settings import Grid, Settings, Temporal, replace
+from froxel_ref.settings import AntiAliasing, Grid, Settings, Temporal, replace
 from froxel_ref.temporal import blend
 
 SUN = DirectionalLight(direction=(0.3, 1.0, 0.2), irradiance=(3.0, 2.0, 1.0))
@@ -465,3 +465,107 @@ def test_a_history_that_is_not_its_grids_is_one_line(length: tuple[int, ...]) ->
     assert f"has shape {length}" in str(fault.value)
     assert len(str(fault.value).splitlines()) == 1
     assert np.isfinite(run_frame(HALL, settings, frame=1, previous=spoilt, cut=True)[FINAL]).all()
+
+
+# --- what cameras, lights and media may do between frames ---------------------------------------------
+
+
+FILTERS = ("off", "scattering", "unphased", "media")
+
+
+def changing(filter: str, **more: object) -> Settings:
+    return replace(Settings(grid=Grid(width=7, height=5, depth=3), temporal=Temporal(filter=filter, alpha=0.2)), **more)
+
+
+@pytest.mark.parametrize("checkerboard", [False, True])
+@pytest.mark.parametrize("filter", FILTERS)
+@pytest.mark.parametrize("target", [(9.0, 1.0, -1.0), (0.0, 2.0, 9.0)], ids=["aside", "about"])
+def test_a_camera_may_turn_away_from_all_that_it_saw(
+        filter: str, checkerboard: bool, target: tuple[float, ...]) -> None:
+    """Froxels that lie behind the earlier camera have no history: the frame is that of a cut."""
+    turned = dataclasses.replace(HALL, camera=dataclasses.replace(HALL.camera, target=target))
+    how = changing(filter, checkerboard=checkerboard)
+    first = run_frame(HALL, how)
+    second = run_frame(turned, how, frame=1, previous=first)
+    assert np.isfinite(second.image).all()
+    if target == (0.0, 2.0, 9.0):
+        np.testing.assert_array_equal(second.image, run_frame(turned, how, frame=1, previous=first, cut=True).image)
+
+
+@pytest.mark.parametrize("checkerboard", [False, True])
+@pytest.mark.parametrize("filter", FILTERS)
+@pytest.mark.parametrize("order", [(0.0, 0.1, 0.1), (0.1, 0.0, 0.1)], ids=["comes", "gone"])
+def test_media_that_come_and_go_leave_the_frame_as_forced(
+        order: tuple[float, ...], filter: str, checkerboard: bool) -> None:
+    """Extinction that is exactly 0 is no reason to forget."""
+    how = changing(filter, checkerboard=checkerboard)
+    made: dict[bool, list[Frame]] = {False: [], True: []}
+    for force, frames in made.items():
+        for n, extinction in enumerate(order):
+            fog = dataclasses.replace(HALL.global_media[0], extinction=extinction)
+            scene = dataclasses.replace(HALL, global_media=(fog,), local_media=())
+            frames.append(run_frame(scene, how, frame=n, previous=frames[-1] if frames else None, force_all=force))
+    for planned, forced in zip(*made.values(), strict=True):
+        np.testing.assert_array_equal(*np.broadcast_arrays(planned.image, forced.image))
+
+
+@pytest.mark.parametrize("checkerboard", [False, True])
+@pytest.mark.parametrize("filter", FILTERS)
+def test_extinction_may_become_one_number_and_three(filter: str, checkerboard: bool) -> None:
+    how, before = changing(filter, checkerboard=checkerboard), None
+    for n, extinction in enumerate((0.05, (0.05, 0.06, 0.07), 0.05, 0.05)):
+        fog = dataclasses.replace(HALL.global_media[0], extinction=extinction)
+        before = run_frame(dataclasses.replace(HALL, global_media=(fog,)), how, frame=n, previous=before)
+        assert np.isfinite(before.image).all()
+
+
+@pytest.mark.parametrize("checkerboard", [False, True])
+@pytest.mark.parametrize("filter", FILTERS)
+def test_lights_may_go_out_and_come_back(filter: str, checkerboard: bool) -> None:
+    how, before = changing(filter, checkerboard=checkerboard), None
+    for n, lights in enumerate((HALL.lights, (), (), HALL.lights)):
+        before = run_frame(dataclasses.replace(HALL, lights=lights), how, frame=n, previous=before)
+        assert np.isfinite(before.image).all()
+
+
+@pytest.mark.parametrize("filter", ["scattering", "unphased", "media"])
+def test_a_checkerboard_comes_to_rest(filter: str) -> None:
+    """Without jitter, scene and camera at rest: the frame without any of it, and nothing flickers."""
+    how = changing(filter, checkerboard=True, jitter="off")
+    frames = list(run_sequence(HALL, frames=6, settings=how, rate=1e9, outputs=[FINAL]))
+    still = run_frame(HALL, replace(changing("off"), jitter="off"), outputs=[FINAL]).image
+    for frame in frames[2:]:
+        np.testing.assert_allclose(frame.image, still, rtol=1e-12)
+
+
+@pytest.mark.parametrize("exposure", [1e-4, 0.1, 10.0, 1e4])
+def test_an_average_in_half_floats_is_bounded_as_it_is_stored(exposure: float) -> None:
+    """65504 is the texture's, not that of what is displayed."""
+    bright = Scene(camera=Camera(width=3, height=2, exposure=exposure), background=(1e5, 1.0, 6e4))
+    image = run_frame(bright, Settings(taa=AntiAliasing(on=True, storage="float16"))).image
+    np.testing.assert_array_equal(image[:, 0, 0], [65504.0, 1.0, np.float64(np.float16(6e4))])
+
+
+def test_the_mean_of_the_first_frames_counts_those_of_the_fog() -> None:
+    """Frames before the filter was on do not count."""
+    how = Settings(grid=Grid(width=7, height=5, depth=3), taa=AntiAliasing(on=True))
+    before = None
+    for n in range(4):
+        before = run_frame(HALL, how, frame=n, previous=before)
+    on = replace(how, temporal=Temporal(filter="scattering", start="mean", alpha=0.05), jitter="off")
+    first = run_frame(HALL, on, frame=4, previous=before)
+    dark = dataclasses.replace(HALL, lights=())
+    second = run_frame(dark, on, frame=5, previous=first)["temporal/in_scattering"]
+    want = 0.5 * (first["temporal/in_scattering"] + run_frame(dark, on, frame=5)["temporal/in_scattering"])
+    np.testing.assert_allclose(*np.broadcast_arrays(second, want), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    ({"rate": "30"}, "rate: is '30', must be a number above 0"), ({"cuts": 1}, "cuts: is 1, must be a collection"),
+    ({"cuts": (7,)}, "cuts: has 7, must be frames from 0 to 1"),
+    ({"camera_path": (Camera() for _ in range(2))}, "camera_path: is a generator, must be a sequence of cameras"),
+    ({"settings": Settings(time=1e10)}, "time: is ")])
+def test_a_sequence_refuses_before_it_begins(arguments: dict[str, object], said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        run_sequence(HALL, frames=2, **arguments)  # type: ignore[arg-type]
+    assert str(caught.value).startswith(said)
