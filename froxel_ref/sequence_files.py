@@ -21,7 +21,7 @@ from froxel_ref.jobs import History
 from froxel_ref.output import check_folder, read_manifest, refusal, whole_file
 from froxel_ref.quantities import QUANTITIES, final_result, raster_size
 from froxel_ref.records import InputError, from_json, shown, to_json
-from froxel_ref.scene import Camera
+from froxel_ref.scene import LONGEST, SHORTEST, Camera
 from froxel_ref.scene_files import Loaded, document
 from froxel_ref.sequence import run_sequence
 from froxel_ref.settings import Grid, Settings
@@ -195,7 +195,7 @@ def _read_state(path: Path, names: frozenset[str]) -> _State:
         return _State(_whole(number, 0), None)
     history = History(fields, from_json(Camera, held["camera"]), from_json(Grid, held["grid"]),
                       float(held["exposure"]), _whole(held["length"], 1))
-    if not (np.isfinite(history.exposure) and history.exposure > 0.0):
+    if not SHORTEST <= history.exposure <= LONGEST:
         raise ValueError(f"an exposure of {history.exposure:g}")
     for name, field in fields.items():
         _check_field(name, field, history)
