@@ -16,15 +16,13 @@ from froxel_ref.grid import depth_to_slice, slice_to_depth
 from froxel_ref.records import InputError
 from froxel_ref.sampling import fetch_trilinear
 from froxel_ref.settings import SWITCHES, FogLookup, Grid
-from froxel_ref.storage import store
+from froxel_ref.storage import store_half
 
 __all__ = ["LOOKUPS", "composite", "fog_lookup", "lookup_bias", "lookup_fog"]
 
 LOOKUPS = tuple(dict.fromkeys(SWITCHES["lookup"]))
 NEAR_SURFACES = tuple(dict.fromkeys(SWITCHES["near_surface"]))
 INVERSES = tuple(dict.fromkeys(SWITCHES["inverse_tone_map"]))
-
-FLOAT16_MOST = 65504.0
 
 
 def lookup_fog(integrated: Integrated, grid: Grid, depth_image: Field, *, lookup: str = "boundary",
@@ -161,7 +159,7 @@ def fog_lookup(integrated: Integrated, grid: Grid, shape: tuple[int, int], *, lo
     fetch = fetch_biquadratic if how.method == "biquadratic" else fetch_trilinear
     nearest = _first_texel(lookup) if near_surface == "first_slice" else None
     most = {"carried": tonemap.FLOAT16_LARGEST_LUMA if how.storage == "float16" else None, "luma": 1.0,
-            "bounded": 1.0 - 1e-6}[inverse_tone_map]
+            "bounded": tonemap.AUTHOR_LARGEST_LUMA}[inverse_tone_map]
 
     def at(rows: NDArray[np.integer[Any]], columns: NDArray[np.integer[Any]], depth: Field) -> tuple[Field, Field]:
         x = ((columns + (0.5 + shift[0])) * (grid.width / width)).astype(dtype)
@@ -213,7 +211,7 @@ def _stored(texture: Field, how: FogLookup, *, toned: bool = False) -> Field:
         texture = tonemap.tone_map(texture)
     if how.storage == "full":
         return texture
-    return store(np.asarray(np.minimum(texture, texture.dtype.type(FLOAT16_MOST))), "float16")
+    return store_half(texture)
 
 
 def _first_texel(lookup: str) -> float:

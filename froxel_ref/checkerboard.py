@@ -183,7 +183,7 @@ def lattice_froxels(froxels: Froxels, lattice: Index) -> Froxels:
     a, b, c = (np.ascontiguousarray(component) for component in rays.per_depth)
     matrix = froxels.sample_from_world.copy()
     for row, part in ((0, x), (1, y)):
-        matrix[row] = (matrix[row] - (part.start or 0) * matrix[2]) / (part.step or 1)
+        matrix[row] = (matrix[row] - part.start * matrix[2]) / part.step
     return Froxels(rays._replace(per_depth=(a, b, c), length=np.ascontiguousarray(rays.length)),
                    np.ascontiguousarray(froxels.depths[z]), froxels.boundaries, matrix)
 

@@ -85,7 +85,7 @@ def pieces(job: Job, froxels: Froxels | None = None) -> list[Piece]:
     how, froxels = job.settings, job.froxels if froxels is None else froxels
     if not how.checkerboard:
         depth, rows, columns = how.grid.shape
-        whole = slice(0, depth), slice(0, rows), slice(0, columns)
+        whole = slice(0, depth, 1), slice(0, rows, 1), slice(0, columns, 1)
         found = [Piece(froxels, whole, whole)]
     else:
         boxes = lattices(how.grid.shape, job.frame, parity=how.checkerboard_parity)

@@ -381,8 +381,7 @@ def run_frame(scene: Scene, settings: Settings | None = None, *, assets: Assets 
         timings[stage.name] = time.perf_counter() - begin
         kept |= {group: (key, {name: made[name] for name in group}) for group, key in keys.items()}
         reused += known
-        held |= {name: made[name] for name in (*material_stage.HISTORY, *temporal_stage.HISTORY, AVERAGED)
-                 if name in made}
+        held |= {name: made[name] for name in remembered(settings) if name in made}
         results |= made
         still_read = {name for later in running[index + 1:] for name in later.reads} | set(the_plan.outputs)
         results = {name: field for name, field in results.items() if name in still_read}
@@ -415,12 +414,11 @@ def remembered(settings: Settings) -> frozenset[str]:
 
 def _history(job: Job, held: Mapping[str, Field]) -> History | None:
     """What temporal filters hand to the next frame; nothing where none ran."""
-    if not any(array.size for array in held.values()):
+    if not held:
         return None
     for array in held.values():
         array.flags.writeable = False
     fog = (temporal_stage.HISTORY[1], material_stage.HISTORY[0])
-    goes_on = job.history is not None and any(
-        name in job.history.fields and job.history.fields[name].size for name in fog)
+    goes_on = job.history is not None and any(job.history.has(name) for name in fog)
     length = job.history.length + 1 if job.history is not None and goes_on else 1
     return History(held, job.scene.camera, job.settings.grid, job.exposure, length)

@@ -35,6 +35,10 @@ class History:
     exposure: float
     length: int
 
+    def has(self, name: str) -> bool:
+        """Whether it holds a field."""
+        return name in self.fields and self.fields[name].size > 0
+
 
 @dataclass(frozen=True)
 class Job:

@@ -11,19 +11,18 @@ so where a medium's edge and a shadow's share a froxel its light is off by their
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from froxel_ref import blocks, fog_stages, fom_plan, temporal
 from froxel_ref.arrays import Field
 from froxel_ref.grid import froxel_points
-from froxel_ref.jobs import History, Job, Part, Results
+from froxel_ref.jobs import Job, Part, Results
 from froxel_ref.light_visibility import light_visibility
 from froxel_ref.scene import DirectionalLight, Scene
 from froxel_ref.settings import Settings
 from froxel_ref.shadow import shadowed_lights
-from froxel_ref.temporal_stage import average_parts, filled, guesses, held, holes_part, weight
+from froxel_ref.temporal_stage import Past, average_parts, filled, guesses, held, holes_part, past_of, weight
 
 __all__ = ["FIELDS", "HISTORY", "filtered_material", "filtered_sun", "material_parts", "nothing_filtered"]
 
@@ -32,19 +31,6 @@ HISTORY = FIELDS[:-1]
 """What the next frame reads."""
 
 _MATERIAL = ("scattering", "extinction", "emission", "phase_anisotropy")
-
-
-class _Past(NamedTuple):
-    """A history as this frame's froxels see it: its fields fetched, and where there are any."""
-
-    history: History
-    place: temporal.HistoryPosition
-
-    def field(self, name: str, job: Job) -> Field:
-        return self.fetch(self.history.fields[f"material/{name}"].astype(job.dtype, copy=False), job)
-
-    def fetch(self, volume: Field, job: Job) -> Field:
-        return temporal.reproject(volume, self.place, threads=job.threads)
 
 
 def filtered_sun(scene: Scene, settings: Settings) -> int | None:
@@ -144,7 +130,7 @@ def filtered_material(job: Job, results: Results) -> dict[str, Field]:
     """
     if job.settings.temporal.filter != "media":  # forced, but not to what was switched off
         return nothing_filtered(job)
-    past = _past(job)
+    past = past_of(job, "material/scattering")
     like = past if past is not None and _is_like(past, results) else None
     old_guess, guess = guesses(job, True) if like is None else guesses(
         job, True, like.history.fields.get("material/guessed"), like.place)
@@ -153,15 +139,7 @@ def filtered_material(job: Job, results: Results) -> dict[str, Field]:
     return made | _sun(job, results, past, old_guess) | {"material/guessed": guess, "material/valid": valid}
 
 
-def _past(job: Job) -> _Past | None:
-    history = job.history
-    if history is None or "material/scattering" not in history.fields or not history.fields["material/scattering"].size:
-        return None
-    return _Past(history, temporal.history_position(job.settings.grid, job.scene.camera, history.camera,
-                                                    previous_grid=history.grid))
-
-
-def _is_like(past: _Past, results: Results) -> bool:
+def _is_like(past: Past, results: Results) -> bool:
     """Whether a history is of fields like this frame's."""
     fields = past.history.fields
     return (np.array_equal(fields["material/lobe_anisotropy"], results["media/lobe_anisotropy"])
@@ -171,7 +149,7 @@ def _is_like(past: _Past, results: Results) -> bool:
 # --- the V-Buffer -----------------------------------------------------------------------------------
 
 
-def _material(job: Job, results: Results, past: _Past | None, guessed: Field | None) -> dict[str, Field]:
+def _material(job: Job, results: Results, past: Past | None, guessed: Field | None) -> dict[str, Field]:
     """The V-Buffer without holes, averaged where it has a history."""
     fields = {name: results[f"media/{name}"] for name in _MATERIAL}
     lobes = results["media/lobe_scattering"]
@@ -187,7 +165,7 @@ def _material(job: Job, results: Results, past: _Past | None, guessed: Field | N
         "material/lobe_anisotropy": results["media/lobe_anisotropy"]}
 
 
-def _averaged(job: Job, fields: dict[str, Field], past: _Past, guessed: Field | None) -> dict[str, Field]:
+def _averaged(job: Job, fields: dict[str, Field], past: Past, guessed: Field | None) -> dict[str, Field]:
     names = list(fields)
     old = {name: _old_anisotropy(job, past) if name == "phase_anisotropy" else
            past.fetch(_flat(past.history.fields[f"material/{name}"]).astype(job.dtype, copy=False), job)
@@ -217,7 +195,7 @@ def _by_scattering(share: Field, now: Field, before: Field) -> Field:
         return np.where(new + old > 0.0, new / (new + old), 1.0)
 
 
-def _old_anisotropy(job: Job, past: _Past) -> Field:
+def _old_anisotropy(job: Job, past: Past) -> Field:
     """g as it was where the froxels were, weighted by what scattered (D12)."""
     g = past.history.fields["material/phase_anisotropy"].astype(job.dtype, copy=False)
     plain = past.fetch(g, job)
@@ -234,7 +212,7 @@ def _old_anisotropy(job: Job, past: _Past) -> Field:
 # --- the sun ----------------------------------------------------------------------------------------
 
 
-def _sun(job: Job, results: Results, past: _Past | None, guessed: Field | None) -> dict[str, Field]:
+def _sun(job: Job, results: Results, past: Past | None, guessed: Field | None) -> dict[str, Field]:
     """The first hidden sun's visibility, averaged where it has a history."""
     number = filtered_sun(job.scene, job.settings)
     if number is None:
@@ -243,7 +221,7 @@ def _sun(job: Job, results: Results, past: _Past | None, guessed: Field | None) 
     if past is None or past.history.fields["material/sun_light"].tolist() != [number]:
         seen = filled(job, seen)
     else:
-        old = past.field("sun_visibility", job)
+        old = past.field("material/sun_visibility", job)
         seen = filled(job, seen, old, past.place.valid)
         old = held(job, old, seen)
         seen = temporal.blend(seen, old, past.place.valid, alpha=weight(job, [seen], [old], guessed))

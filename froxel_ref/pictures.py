@@ -399,7 +399,8 @@ def _stage(frame: Frame, planned: Planned, view: View, width: int) -> Image:
         words = f"left out: {planned.why}" + "  ·  its neutral values stand below" * below
         write(heading, (160, 19), words, 19, AMBER, width - 160)
     skipped = [f"{part.name} ({part.why})" for part in planned.parts if not part.runs]
-    above = [name for name in planned.stage.writes if name in _hero_names(frame)]
+    hero = _hero_names(frame)
+    above = [name for name in planned.stage.writes if name in hero]
     notes = (["left out within it: " + ",  ".join(skipped)] if skipped and planned.runs else []) + (
         ["on top of the page: " + ", ".join(above)] if above else [])
     images = [heading]
@@ -407,7 +408,6 @@ def _stage(frame: Frame, planned: Planned, view: View, width: int) -> Image:
         line = canvas(width, 26)
         write(line, (0, 0), note, 18, FAINT, width)
         images.append(line)
-    hero = _hero_names(frame)
     names = [name for name in frame.plan.written_by(planned) if name in frame.results and name not in hero]
     cells = [_cell(frame.results[name], name, view._replace(grid=stored_grid(name, frame.settings)), width)
              for name in names if frame.results[name].size]

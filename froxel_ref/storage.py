@@ -33,8 +33,8 @@ from froxel_ref.arrays import Field
 from froxel_ref.records import InputError, shown, suggest
 
 __all__ = [
-    "FORMATS", "ROUNDINGS", "decode_r11g11b10f", "decode_unorm", "encode_r11g11b10f", "encode_unorm", "store",
-    "store_series",
+    "FLOAT16_LARGEST", "FORMATS", "ROUNDINGS", "decode_r11g11b10f", "decode_unorm", "encode_r11g11b10f", "encode_unorm",
+    "store", "store_half", "store_series",
 ]
 
 FORMATS = ("float32", "float16", "r11g11b10f", "unorm8", "unorm16")
@@ -64,6 +64,10 @@ PACKED = ("float11", "float11", "float10")  # red, green and blue of R11G11B10F
 # Arithmetic on a signalling NaN sets the processor's flag, of which NumPy would warn; NaN is data here.
 SILENT_NAN = partial(np.errstate, invalid="ignore")
 EXPONENT_BITS = {4: 0x7F800000, 8: 0x7FF0000000000000}  # by bytes of a float
+
+
+FLOAT16_LARGEST = FLOATS["float16"].maximum
+"""The largest number of half floats."""
 
 
 def store(array: Field, format: str, *, rounding: str = "nearest") -> Field:
@@ -112,6 +116,26 @@ def store(array: Field, format: str, *, rounding: str = "nearest") -> Field:
     if format in FLOATS:
         return _round(np.asarray(array), FLOATS[format], rounding)
     return decode_unorm(encode_unorm(array, bits=int(format.removeprefix("unorm"))), dtype=array.dtype)
+
+
+def store_half(array: Field) -> Field:
+    """The values as a half-float texture gives them back, what is beyond its largest number as that.
+
+    Parameters
+    ----------
+    array : ndarray of float32 or float64
+
+    Returns
+    -------
+    ndarray
+        As of `store`, with no infinity of a finite number.
+
+    Examples
+    --------
+    >>> store_half(np.array([0.1, 1e6])).round(6).tolist()
+    [0.099976, 65504.0]
+    """
+    return store(np.asarray(np.minimum(array, array.dtype.type(FLOAT16_LARGEST))), "float16")
 
 
 def store_series(series: Field, format: str | None, *, axis: int = 0) -> Field:

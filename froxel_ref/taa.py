@@ -21,7 +21,7 @@ from froxel_ref.image_motion import Motion
 from froxel_ref.jitter import mirrored
 from froxel_ref.records import InputError, shown, suggest
 from froxel_ref.sampling import at_centres, fetch_bilinear
-from froxel_ref.tonemap import inverse_tone_map, luma
+from froxel_ref.tonemap import AUTHOR_LARGEST_LUMA, inverse_tone_map, luma
 
 __all__ = ["AUTHOR", "BORDERS", "CLIPS", "INVERSES", "KERNELS", "POINTS", "PUBLISHED", "SPACES", "author_alpha",
            "fetch_history", "pixel_offsets", "resolve"]
@@ -39,7 +39,7 @@ PUBLISHED: dict[str, Any] = {"space": "rgb", "border": "repeat", "least_variance
                              "largest_luma": 1.0}
 """Options of `resolve` that follow the thesis's text [Dörries 2020, §3.2.6, listing 3.9]."""
 
-AUTHOR: dict[str, Any] = PUBLISHED | {"border": "zero", "padding": 1e-5, "largest_luma": 1.0 - 1e-6}
+AUTHOR: dict[str, Any] = PUBLISHED | {"border": "zero", "padding": 1e-5, "largest_luma": AUTHOR_LARGEST_LUMA}
 """Those that follow its program (A10); the weight comes from `author_alpha`."""
 
 # Offsets are whole multiples of this [pixels], so that their sum is exact in whatever order and in float32.

@@ -10,15 +10,13 @@ from numpy.typing import ArrayLike
 from froxel_ref import taa
 from froxel_ref.arrays import Field
 from froxel_ref.image_motion import closest_depth, motion
-from froxel_ref.jobs import History, Job, Results
+from froxel_ref.jobs import Job, Results
 from froxel_ref.quantities import AVERAGED, FINAL
 from froxel_ref.scene import Scene
 from froxel_ref.settings import Settings
-from froxel_ref.storage import store
+from froxel_ref.storage import FLOAT16_LARGEST, store_half
 
 __all__ = ["averaged_image", "needs_average", "no_average", "resolve_options"]
-
-FLOAT16_MOST = 65504.0
 
 BOXES: dict[str, dict[str, float]] = {
     "measured": {}, "least": {"least_variance": taa.PUBLISHED["least_variance"]},
@@ -91,10 +89,6 @@ def resolve_options(settings: Settings) -> dict[str, Any]:
             **BOXES[settings.taa_box], **INVERSES[settings.inverse_tone_map]}
 
 
-def _has_image(past: History) -> bool:
-    return AVERAGED in past.fields and past.fields[AVERAGED].size > 0
-
-
 def averaged_image(job: Job, results: Results) -> dict[str, Field]:
     """Average the image with its history.
 
@@ -123,8 +117,8 @@ def averaged_image(job: Job, results: Results) -> dict[str, Field]:
     options = resolve_options(job.settings)
     half = how.storage == "float16"
     if half:  # what the texture holds, as exposed
-        options["largest"] = min(FLOAT16_MOST * float(exposure), float(np.finfo(job.dtype).max))
-    if past is None or not _has_image(past) or (past.camera.height, past.camera.width) != shape:
+        options["largest"] = min(FLOAT16_LARGEST * float(exposure), float(np.finfo(job.dtype).max))
+    if past is None or not past.has(AVERAGED) or (past.camera.height, past.camera.width) != shape:
         made = taa.resolve(image, None, threads=job.threads, **options)
     else:
         depth = np.broadcast_to(results["surface/depth"], shape)
@@ -136,4 +130,4 @@ def averaged_image(job: Job, results: Results) -> dict[str, Field]:
         made = taa.resolve(image, before, pixels, alpha=alpha, exposure_ratio=job.exposure / past.exposure,
                            threads=job.threads, **options)
     made /= exposure
-    return {AVERAGED: store(np.minimum(made, job.dtype.type(FLOAT16_MOST)), "float16") if half else made}
+    return {AVERAGED: store_half(made) if half else made}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +16,8 @@ from froxel_ref.scene import Scene
 from froxel_ref.settings import Settings
 
 __all__ = [
-    "FIELDS", "HISTORY", "average_parts", "averages_light", "filled", "filtered_fields", "fog_fields",
-    "guesses", "held", "holes_part", "needs_filter", "nothing_filtered", "temporal_parts", "weight",
+    "FIELDS", "HISTORY", "Past", "average_parts", "averages_light", "filled", "filtered_fields", "fog_fields",
+    "guesses", "held", "holes_part", "needs_filter", "nothing_filtered", "past_of", "temporal_parts", "weight",
 ]
 
 FIELDS = ("temporal/in_scattering", "temporal/extinction", "temporal/unphased", "temporal/valid",
@@ -179,9 +180,9 @@ def filtered_fields(job: Job, results: Results) -> dict[str, Field]:
     how = job.settings
     if not needs_filter(how)[0]:  # forced, but not to what was switched off
         return nothing_filtered(job)
-    light, empty = results["lighting/in_scattering"], np.zeros((3, 0, 0, 0), job.dtype)
+    light, empty, past = results["lighting/in_scattering"], np.zeros((3, 0, 0, 0), job.dtype), past_of(job, HISTORY[0])
     if how.temporal.filter == "media":
-        (light,), *rest = _filtered(job, {HISTORY[0]: light})
+        (light,), *rest = _filtered(job, {HISTORY[0]: light}, past)
         return dict(zip(FIELDS, (light, results["material/extinction"], empty, *rest), strict=True))
     unphased = how.temporal.filter == "unphased"
     ratio = results["lighting/phase_ratio"]
@@ -191,57 +192,46 @@ def filtered_fields(job: Job, results: Results) -> dict[str, Field]:
         light = np.divide(light, ratio, where=ratio > 0.0, out=np.zeros(np.broadcast_shapes(light.shape, ratio.shape),
                                                                        job.dtype))
     (light, dense), *rest = _filtered(job, {HISTORY[2 if unphased else 0]: light,
-                                            HISTORY[1]: results["media/extinction"]})
+                                            HISTORY[1]: results["media/extinction"]}, past)
     if not unphased:
         return dict(zip(FIELDS, (light, dense, empty, *rest), strict=True))
-    return dict(zip(FIELDS, (_phased(job, light, ratio), dense, light, *rest), strict=True))
+    return dict(zip(FIELDS, (_phased(job, light, ratio, past), dense, light, *rest), strict=True))
 
 
-def _phased(job: Job, light: Field, ratio: Field) -> Field:
+def _phased(job: Job, light: Field, ratio: Field, past: Past | None) -> Field:
     """Light times what the phase function makes of it; in a checkerboard's holes as it was, where it was."""
     made: Field = light * filled(job, ratio)
-    past, known = _past(job, HISTORY[0]), _known(job)
+    known = _known(job)
     if past is None or known is None:
         return made
-    history, place = past
-    old = _fetched(job, history, HISTORY[0], place)
-    return np.where(~known & temporal.usable(old, place.valid), old, made)
+    old = _fetched(job, past, HISTORY[0])
+    return np.where(~known & temporal.usable(old, past.place.valid), old, made)
 
 
-def _past(job: Job, name: str) -> tuple[History, temporal.HistoryPosition] | None:
-    """A history that has a field, and where this frame's froxels lie in it."""
-    history = job.history
-    if history is None or name not in history.fields or not history.fields[name].size:
-        return None
-    return history, temporal.history_position(job.settings.grid, job.scene.camera, history.camera,
-                                              previous_grid=history.grid)
-
-
-def _fetched(job: Job, history: History, name: str, place: temporal.HistoryPosition) -> Field:
+def _fetched(job: Job, past: Past, name: str) -> Field:
     """A field of the history where this frame's froxels were; light at this frame's exposure (A12)."""
-    old = temporal.reproject(history.fields[name].astype(job.dtype, copy=False), place, threads=job.threads)
-    ratio = 1.0 if name == HISTORY[1] else job.exposure / history.exposure
+    old = past.field(name, job)
+    ratio = 1.0 if name == HISTORY[1] else job.exposure / past.history.exposure
     return old if ratio == 1.0 else old * job.dtype.type(ratio)
 
 
-def _filtered(job: Job, fields: Mapping[str, Field]) -> tuple[list[Field], Field, Field]:
+def _filtered(job: Job, fields: Mapping[str, Field], past: Past | None) -> tuple[list[Field], Field, Field]:
     """Fields, light first, averaged with their history; where they have one; and what is guessed of them."""
-    averages, past = averages_light(job.settings), _past(job, next(iter(fields)))
-    if past is None:
+    averages = averages_light(job.settings)
+    if past is None or not past.history.has(next(iter(fields))):
         return ([filled(job, field) for field in fields.values()], np.zeros((1, 1, 1), job.dtype),
                 guesses(job, averages)[1])
-    history, place = past
-    old_guess, guess = guesses(job, averages, history.fields.get(HISTORY[3]), place)
+    valid = past.place.valid
+    old_guess, guess = guesses(job, averages, past.history.fields.get(HISTORY[3]), past.place)
     made = []
     for name, new in fields.items():
-        old = _fetched(job, history, name, place)
+        old = _fetched(job, past, name)
         if old.ndim > new.ndim:  # extinction was of three colours
             new = np.broadcast_to(new, (3, *new.shape))
         elif old.ndim < new.ndim:
             old = old[np.newaxis]
-        made.append(_averaged(job, new, old, place.valid, old_guess) if averages else
-                    filled(job, new, old, place.valid))
-    return made, place.valid.astype(job.dtype), guess
+        made.append(_averaged(job, new, old, valid, old_guess) if averages else filled(job, new, old, valid))
+    return made, valid.astype(job.dtype), guess
 
 
 def _averaged(job: Job, new: Field, old: Field, valid: NDArray[np.bool_], guessed: Field | None) -> Field:
@@ -260,18 +250,16 @@ def _averaged_half(job: Job, new: Field, old: Field, valid: NDArray[np.bool_], g
     known, holes = (checkerboard.lattices(shape, job.frame + n, parity=how.checkerboard_parity) for n in (0, 1))
     result = np.empty((*new.shape[:-3], *shape), job.dtype)
     alpha = job.dtype.type(_alpha(job))
+    remembered = all(temporal.usable(part_of(old, box), part_of(valid, box)).all() for box in holes)
+    kept = old if remembered else filled(job, new, old, valid)
 
     def average(box: Index) -> None:
         packed = slice(0, len(range(shape[0])[box[0]])), *box[1:]
-        share = alpha if guessed is None else alpha + (1.0 - alpha) * part_of(guessed, box)
+        share = _raised(alpha, None if guessed is None else part_of(guessed, box))
         result[..., *box] = temporal.blend(part_of(new, packed), part_of(old, box), part_of(valid, box), alpha=share)
 
     def keep(box: Index) -> None:
-        before = part_of(old, box)
-        if temporal.usable(before, part_of(valid, box)).all():
-            result[..., *box] = before
-        else:
-            result[..., *box] = part_of(filled(job, new, old, valid), box)
+        result[..., *box] = part_of(kept, box)
 
     blocks.run(average, known, threads=job.threads)
     blocks.run(keep, holes, threads=job.threads)
@@ -281,8 +269,50 @@ def _averaged_half(job: Job, new: Field, old: Field, valid: NDArray[np.bool_], g
 # --- what every average over frames does --------------------------------------------------------------
 
 
-def filled(job: Job, field: Field, history: Field | None = None, valid: NDArray[np.bool_] | None = None,
-           ratio: float = 1.0) -> Field:
+class Past(NamedTuple):
+    """A history as this frame's froxels see it.
+
+    Attributes
+    ----------
+    history : History
+    place : HistoryPosition
+        Where these froxels lie in it.
+    """
+
+    history: History
+    place: temporal.HistoryPosition
+
+    def field(self, name: str, job: Job) -> Field:
+        """One of its fields, where these froxels were."""
+        return self.fetch(self.history.fields[name].astype(job.dtype, copy=False), job)
+
+    def fetch(self, volume: Field, job: Job) -> Field:
+        """A volume of that frame, where these froxels were."""
+        return temporal.reproject(volume, self.place, threads=job.threads)
+
+
+def past_of(job: Job, name: str) -> Past | None:
+    """See a frame's history from this frame, if it holds a field.
+
+    Parameters
+    ----------
+    job : Job
+    name : str
+        Of the field.
+
+    Returns
+    -------
+    Past or None
+    """
+    history = job.history
+    if history is None or not history.has(name):
+        return None
+    return Past(history, temporal.history_position(job.settings.grid, job.scene.camera, history.camera,
+                                                   previous_grid=history.grid))
+
+
+def filled(job: Job, field: Field, history: Field | None = None, valid: NDArray[np.bool_] | None = None
+           ) -> Field:
     """Fill the holes of a field as this frame computes it.
 
     Parameters
@@ -291,11 +321,9 @@ def filled(job: Job, field: Field, history: Field | None = None, valid: NDArray[
     field : Field
         As stored: of a checkerboard half the slices.
     history : Field, optional
-        As reprojected.
+        As reprojected, and rescaled.
     valid : ndarray of bool, optional
         Where there is one; everywhere unless given.
-    ratio : float
-        Of exposures: what the history is multiplied by (A12).
 
     Returns
     -------
@@ -308,7 +336,7 @@ def filled(job: Job, field: Field, history: Field | None = None, valid: NDArray[
         return field
     whole = checkerboard.unpack(field, how.grid.shape, job.frame, parity=how.checkerboard_parity)
     return checkerboard.fill(whole, history, np.ones((1, 1, 1), bool) if valid is None else valid, job.frame,
-                             parity=how.checkerboard_parity, exposure_ratio=ratio, outside=outside)
+                             parity=how.checkerboard_parity, outside=outside)
 
 
 def _known(job: Job) -> NDArray[np.bool_] | None:
@@ -404,9 +432,13 @@ def weight(job: Job, fields: Sequence[Field], histories: Sequence[Field], guesse
         for field, old in zip(fields, histories, strict=True):
             result = np.maximum(result, ghosting.adaptive_alpha(field, old, least=alpha, most=how.alpha_most,
                                                                 known=known))
-    if guessed is not None:
-        result = result + (1.0 - result) * guessed
+    result = _raised(result, guessed)
     return result if known is None else np.where(known, result, job.dtype.type(1.0))
+
+
+def _raised(share: Any, guessed: Field | None) -> Any:
+    """A weight raised by the share of the history that was guessed."""
+    return share if guessed is None else share + (1.0 - share) * guessed
 
 
 def _alpha(job: Job) -> float:

@@ -6,13 +6,16 @@ import numpy as np
 
 from froxel_ref.arrays import Field
 
-__all__ = ["FLOAT16_LARGEST_LUMA", "inverse_tone_map", "luma", "tone_map"]
+__all__ = ["AUTHOR_LARGEST_LUMA", "FLOAT16_LARGEST_LUMA", "inverse_tone_map", "luma", "tone_map"]
 
 # Rec. 709.
 WEIGHTS = (0.2126, 0.7152, 0.0722)
 
 FLOAT16_LARGEST_LUMA = 1.0 - 2.0**-11
 """The largest half float below 1: what a tone map stored in float16 can hold is a luma of 2047."""
+
+AUTHOR_LARGEST_LUMA = 1.0 - 1e-6
+"""What the thesis's program bounds a luma by before it undoes the tone map."""
 
 
 def luma(colour: Field) -> Field:
