@@ -15,7 +15,7 @@ from froxel_ref.scene import Box, Camera, Mesh, Scene, Sphere
 from froxel_ref.scene_motion import scene_at
 from froxel_ref.settings import Settings, replace
 
-__all__ = ["RATE", "CameraPath", "moment", "run_sequence"]
+__all__ = ["RATE", "CameraPath", "moment", "moved_assets", "run_sequence"]
 
 CameraPath: TypeAlias = Sequence[Camera] | Callable[[int], Camera]
 """The camera of each frame: as many as there are frames, or a function of their number."""
@@ -171,13 +171,32 @@ def _frames(scene: Scene, camera_path: CameraPath | None, numbers: range, settin
             progress(f"frame {number}", number - numbers.start, len(numbers))
         now = moment(scene, camera_path, number, rate=rate)
         previous = run_frame(now, replace(settings, time=settings.time + number / rate),
-                             assets=_moved(assets, scene, now), outputs=wanted, threads=threads, previous=previous,
-                             frame=number, cut=number in cuts)
+                             assets=moved_assets(assets, scene, now), outputs=wanted, threads=threads,
+                             previous=previous, frame=number, cut=number in cuts)
         yield previous
 
 
-def _moved(assets: Assets, scene: Scene, now: Scene) -> Assets:
-    """Meshes by their records of this moment."""
+def moved_assets(assets: Assets, scene: Scene, now: Scene) -> Assets:
+    """What a scene's files hold, as the scene of one moment asks for it.
+
+    Parameters
+    ----------
+    assets : Assets
+        Of the scene at its beginning.
+    scene, now : Scene
+        At its beginning, and as `moment` gives it.
+
+    Returns
+    -------
+    Assets
+        Meshes by their records of this moment.
+
+    Examples
+    --------
+    >>> assets = load_assets(Scene(), None)
+    >>> moved_assets(assets, Scene(), Scene()) is assets
+    True
+    """
     pairs = zip(scene.all_surfaces, now.all_surfaces, strict=True)
     meshes = {after: assets.meshes[before] for before, after in pairs if isinstance(before, Mesh)
               and isinstance(after, Mesh)}
