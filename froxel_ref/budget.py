@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace as with_fields
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,7 +111,7 @@ def parts_of(scene: Scene, settings: Settings, planned: Plan, *, raster: tuple[i
             tuple(LeftOut(part.name, why) for part, there, why in found if not there))
 
 
-def _gridded(how: Settings, **changes: int) -> Settings:
+def _gridded(how: Settings, **changes: Any) -> Settings:
     return replace(how, grid=with_fields(how.grid, **changes))
 
 

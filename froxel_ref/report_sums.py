@@ -1,0 +1,265 @@
+"""From measurements to a report: points and their front, the budget's sums, tables, a recommendation."""
+
+from __future__ import annotations
+
+import datetime
+import importlib.metadata
+import math
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import froxel_ref
+from froxel_ref import compare, pareto, report_log
+from froxel_ref.budget import Part, make_budget
+from froxel_ref.error_images import reference_words, regions
+from froxel_ref.flip import flip_available, scaled_pixels_per_degree
+from froxel_ref.report_log import Entry
+from froxel_ref.report_points import BASE, EPSILON, Prepared, Spot, digest
+from froxel_ref.report_record import (
+    AtError,
+    AtTime,
+    Budget,
+    Errors,
+    LeftOut,
+    Level,
+    Point,
+    Recommendation,
+    Reference,
+    Refinement,
+    Report,
+    Saved,
+    Setup,
+    Spread,
+)
+
+__all__ = ["put_together"]
+
+Image = NDArray[np.float64]
+Done = Mapping[str, Entry]
+
+NAN = Errors(math.nan, math.nan, math.nan, math.nan)
+
+# Budgets of time, over the base's; and errors, a decade apart.
+BUDGETS = (0.25, 0.5, 1.0, 2.0, 4.0)
+
+
+def put_together(prepared: Prepared, folder: Path, done: Done) -> Report:
+    """The report that measurements make.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    folder : Path
+        Where the log keeps images.
+    done : mapping of str to Entry
+        Every measurement of `froxel_ref.report.measurements`.
+
+    Returns
+    -------
+    Report
+    """
+    points = _points(prepared, done)
+    truth = report_log.load_image(folder, "reference", (3, *prepared.raster[::-1]))
+    own = report_log.load_image(folder, "reference error", (3, *prepared.raster[::-1]))
+    assert truth is not None
+    everything = prepared.asked.everything
+    times, errors = _rows(points)
+    return Report(
+        _setup(prepared, sum(entry.took for entry in done.values())),
+        _reference(prepared, truth, own, done["reference"]),
+        points, prepared.left_out,
+        _budget(prepared, folder, done, truth) if everything else None,
+        _refinement(prepared, done) if everything else None,
+        _saved(done["saved"].value) if everything else None,
+        times, errors, _recommendation(prepared, points))
+
+
+# --- setup ----------------------------------------------------------------------------------------------
+
+
+def _setup(prepared: Prepared, took: float) -> Setup:
+    subject, suite = prepared.subject, prepared.suite
+    scene, grid = subject.loaded.scene, subject.settings.grid
+    now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    return Setup(
+        scene.name or "scene", prepared.about, digest(subject.loaded), prepared.overrides, prepared.asked.suite,
+        (grid.width, grid.height, grid.depth), (scene.camera.width, scene.camera.height), prepared.raster,
+        suite.repeats, suite.frames, EPSILON, scene.camera.exposure,
+        scaled_pixels_per_degree(prepared.raster[0], scene.camera.width),
+        "" if flip_available() else "needs the extra flip: python -m pip install -e '.[flip]'",
+        machine(), now, took)
+
+
+def machine() -> dict[str, str]:
+    """What ran, in a few words each: processor, system, versions."""
+    found = {"processor": _processor(), "cores": str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity")
+                                                     else os.cpu_count() or 1),
+             "system": f"{platform.system()} {platform.machine()}", "froxel_ref": froxel_ref.__version__,
+             "Python": platform.python_version()}
+    for name in ("numpy", "scipy", "matplotlib", "flip-evaluator"):
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def _processor() -> str:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as file:
+            named = [line.partition(":")[2].strip() for line in file if line.startswith("model name")]
+    except OSError:
+        named = []
+    return named[0] if named else platform.processor() or platform.machine()
+
+
+def _reference(prepared: Prepared, truth: Image, own: Image | None, entry: Entry) -> Reference:
+    floor = math.nan if own is None else float(np.mean((own / np.sqrt(truth * truth + EPSILON)) ** 2))
+    return Reference(reference_words(prepared.subject, prepared.suite.rtol), prepared.suite.rtol, floor,
+                     entry.value["unconverged"], truth[0].size, entry.value["seconds"])
+
+
+# --- points ---------------------------------------------------------------------------------------------
+
+
+def _points(prepared: Prepared, done: Done) -> tuple[Point, ...]:
+    measured = [_point(prepared, spot, done) for spot in prepared.spots]
+    found = pareto.front(*_columns(measured))
+    return tuple(point._replace(member=member) for point, member in zip(measured, found.membership, strict=True))
+
+
+def _columns(points: Sequence[Point]) -> tuple[list[float], list[float], list[float]]:
+    """Errors, and both ends of times; NaN where there is none."""
+    return ([point.errors.relmse for point in points],
+            [math.nan if point.seconds is None else point.seconds.least for point in points],
+            [math.nan if point.seconds is None else point.seconds.median for point in points])
+
+
+def _point(prepared: Prepared, spot: Spot, done: Done) -> Point:
+    image, memory = done[f"image {spot.id}"].value, done[f"memory {spot.id}"].value
+    runs = [done[f"time {number} {spot.id}"].value for number in range(prepared.suite.repeats)]
+    runs = sorted((run for run in runs if "seconds" in run), key=lambda run: float(run["seconds"]))
+    errors = errors_of(image)
+    seconds = pareto.spread([run["seconds"] for run in runs]) if runs else None
+    return Point(
+        spot.id, spot.knob, spot.label, spot.overrides, spot.frames, errors,
+        None if seconds is None else Spread(seconds.least, seconds.median, len(seconds.seconds)),
+        runs[0]["stages"] if runs else {}, memory.get("bytes"), "",
+        image.get("fault") or errors.fault or memory.get("fault", ""))
+
+
+def errors_of(value: Mapping[str, Any]) -> Errors:
+    """Errors as the log has them; all NaN where there is only a fault."""
+    return Errors(**value["errors"]) if "errors" in value else NAN._replace(fault=value["fault"])
+
+
+# --- budget and refinement ------------------------------------------------------------------------------
+
+
+def _budget(prepared: Prepared, folder: Path, done: Done, truth: Image) -> Budget | None:
+    """Parts whose images failed are left out, with what failed; nothing is left without the base's own."""
+    shape = truth.shape
+
+    def image(name: str) -> Image | None:
+        if name not in done or "errors" not in done[name].value or done[name].value["errors"]["fault"]:
+            return None
+        return report_log.load_image(folder, name, shape)
+
+    whole, none = image(f"image {BASE}"), image("budget: none")
+    if whole is None or (none is None and prepared.parts):
+        return None
+    alone: dict[str, Image] = {}
+    without: dict[str, Image] = {}
+    kept: list[Part] = []
+    left = list(prepared.parts_left_out)
+    for part in prepared.parts:
+        names = f"budget: {part.name} alone", f"budget: without {part.name}"
+        found = {name: each for name in names if (each := image(name)) is not None}
+        failed = next((name for name in names if name not in found), None)
+        if failed is not None:
+            left.append(LeftOut(part.name, f"could not be replaced: {errors_of(done[failed].value).fault}"))
+            continue
+        kept.append(part)
+        alone[part.name], without[part.name] = (found[name] for name in names)
+    return make_budget(kept, left, truth=truth, whole=whole, none=whole if none is None else none, alone=alone,
+                       without=without, epsilon=EPSILON, regions=regions(prepared.subject))
+
+
+def _refinement(prepared: Prepared, done: Done) -> Refinement:
+    levels = []
+    for factor in prepared.suite.levels:
+        value = done[f"level {factor:g}"].value
+        levels.append(Level(value["label"], value["step"] * prepared.suite.levels[0], errors_of(value)))
+    good = [(level.step, math.sqrt(level.errors.relmse)) for level in levels if level.errors.relmse > 0.0]
+    if len(good) < len(levels) or len(good) < 2:
+        return Refinement(tuple(levels), None, None)
+    fit = compare.order(*zip(*good, strict=True))
+    return Refinement(tuple(levels), fit.order, fit.residual)
+
+
+def _saved(value: Mapping[str, Any]) -> Saved:
+    return Saved(tuple(LeftOut(*each) for each in value["left_out"]), Spread(*value["planned"]),
+                 Spread(*value["forced"]), value["planned_bytes"], value["forced_bytes"], value["same"])
+
+
+# --- tables ---------------------------------------------------------------------------------------------
+
+
+def _rows(points: Sequence[Point]) -> tuple[tuple[AtTime, ...], tuple[AtError, ...]]:
+    """The most exact point of each budget of time, the fastest of each decade of error."""
+    columns = _columns(points)
+    base = next(point for point in points if point.id == BASE)
+
+    def name(index: int | None) -> str | None:
+        return None if index is None else points[index].id
+
+    times: tuple[AtTime, ...] = ()
+    if base.seconds is not None:
+        found = pareto.equal_time(*columns, [share * base.seconds.median for share in BUDGETS])
+        times = tuple(AtTime(row.budget, name(row.surely)) for row in found)
+    sizes = [error for error in columns[0] if error > 0.0]
+    if not sizes:
+        return times, ()
+    levels = [10.0 ** n for n in range(math.ceil(math.log10(max(sizes))), math.floor(math.log10(min(sizes))) - 1, -1)]
+    return times, tuple(AtError(row.level, name(row.fastest)) for row in pareto.equal_error(*columns, levels))
+
+
+def _recommendation(prepared: Prepared, points: Sequence[Point]) -> Recommendation | None:
+    """The point to take under a limit, if one was given, in words too."""
+    budget, most = prepared.asked.limit_ms, prepared.asked.limit_error
+    if budget is None and most is None:
+        return None
+    limit = f"relMSE at most {most:.3g}" if budget is None else f"{budget:g} ms a frame"
+    found = pareto.recommend(*_columns(points), budget=None if budget is None else budget / 1e3, most_error=most)
+    if found.point is None:
+        return Recommendation(limit, False, BASE, (), None, None, "No point could be measured.")
+    point = points[found.point]
+    words = f"{point.id} takes {_ms(point)} ms a frame with relMSE {point.errors.relmse:.3g}"
+    words += "." if found.met else f"; nothing that was measured meets {limit}, this comes closest."
+    up, down = (None if step is None else points[step.point] for step in (found.up, found.down))
+    if up is not None:
+        words += (f" The next step up is {up.id}: {_ms(up)} ms and relMSE {up.errors.relmse:.3g}, "
+                  f"{_ratio(point.errors.relmse, up.errors.relmse)} less error for "
+                  f"{_ratio(_least(up), _least(point))} the time.")
+    else:
+        words += " Nothing that was measured is more exact."
+    return Recommendation(limit, found.met, point.id, point.overrides, None if up is None else up.id,
+                          None if down is None else down.id, words)
+
+
+def _least(point: Point) -> float:
+    return math.nan if point.seconds is None else point.seconds.least
+
+
+def _ms(point: Point) -> str:
+    return "?" if point.seconds is None else f"{1e3 * point.seconds.least:.3g} to {1e3 * point.seconds.median:.3g}"
+
+
+def _ratio(more: float, less: float) -> str:
+    return f"{more / less:.3g} times" if less > 0.0 else "infinitely"
