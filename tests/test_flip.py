@@ -275,8 +275,10 @@ def test_what_is_not_finite_in_both_enters_no_mean(bad: float) -> None:
     assert norm.value == pytest.approx(held[outside].mean(dtype=np.float64), rel=1e-12)
     assert (norm.fault, norm.pairs) == ("", 3 * (40 * 56 - 1))
     both[0][0, 7, 9] = both[1][0, 7, 9] = 0.5  # one channel is finite again: the pixel counts
-    assert np.isfinite(flip_map(*both, exposure=1.0)).all()
-    assert flip(*both, exposure=1.0).pairs == 3 * (40 * 56 - 1) + 1
+    seen, norm = flip_map(*both, exposure=1.0), flip(*both, exposure=1.0)
+    assert np.isfinite(seen).all()
+    assert norm.value == pytest.approx(seen.mean(dtype=np.float64), rel=1e-12)
+    assert norm.pairs == 3 * (40 * 56 - 1) + 1
     assert flip(constant(bad, bad, bad), constant(bad, bad, bad), exposure=1.0)[1:3] == (0.0, 0)
 
 
