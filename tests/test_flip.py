@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from froxel_ref.compare import Norm, absolute
+from froxel_ref.compare import Norm, absolute, order
 from froxel_ref.flip import (
     PIXELS_PER_DEGREE,
     TONE_MAPPERS,
@@ -132,6 +132,18 @@ def test_it_grows_with_the_difference(pattern: str) -> None:
     values = [flip(truth + 0.1 * t * change, truth, exposure=1.0).value for t in (0.0, 0.05, 0.1, 0.2, 0.4, 0.8)]
     assert values[0] == 0.0
     assert all(low < high for low, high in itertools.pairwise(values))
+
+
+@needs_package
+@pytest.mark.parametrize("degree", [8.0, 67.0])
+def test_small_differences_count_by_their_power_and_end_in_rounding(degree: float) -> None:
+    """Of a brighter image: slope 0.7 from 1e-2 to 1e-4 (0.707 and 0.713 measured); float32 as below 3e-5."""
+    truth = picture()
+    sizes = 10.0 ** -np.arange(2.0, 4.5, 0.5)
+    values = [flip(truth * (1.0 + size), truth, exposure=1.0, pixels_per_degree=degree).value for size in sizes]
+    assert order(sizes, values).order == pytest.approx(0.7, abs=0.03)
+    rounded = flip(truth * (1.0 + 1e-7), truth, exposure=1.0, pixels_per_degree=degree).value
+    assert 0.0 < rounded < 3e-5
 
 
 @needs_package
@@ -275,8 +287,10 @@ def test_what_is_not_finite_in_both_enters_no_mean(bad: float) -> None:
     assert norm.value == pytest.approx(held[outside].mean(dtype=np.float64), rel=1e-12)
     assert (norm.fault, norm.pairs) == ("", 3 * (40 * 56 - 1))
     both[0][0, 7, 9] = both[1][0, 7, 9] = 0.5  # one channel is finite again: the pixel counts
-    assert np.isfinite(flip_map(*both, exposure=1.0)).all()
-    assert flip(*both, exposure=1.0).pairs == 3 * (40 * 56 - 1) + 1
+    seen, norm = flip_map(*both, exposure=1.0), flip(*both, exposure=1.0)
+    assert np.isfinite(seen).all()
+    assert norm.value == pytest.approx(seen.mean(dtype=np.float64), rel=1e-12)
+    assert norm.pairs == 3 * (40 * 56 - 1) + 1
     assert flip(constant(bad, bad, bad), constant(bad, bad, bad), exposure=1.0)[1:3] == (0.0, 0)
 
 

@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from froxel_ref.pareto import (
@@ -70,6 +70,7 @@ def memberships(points) -> list[str]:
     return words
 
 
+@settings(max_examples=400)
 @given(POINTS)
 @example([(1.0, (1.0, 1.0)), (1.0, (1.0, 1.0))])
 @example([(1.0, (1.0, 2.0)), (1.0, (2.0, 3.0))])
@@ -79,6 +80,7 @@ def test_membership_is_what_all_choices_of_times_say(points) -> None:
     assert list(front(*columns(points)).membership) == memberships(points)
 
 
+@settings(max_examples=400)
 @given(POINTS)
 def test_the_line_and_who_dominates(points) -> None:
     """The line has all that may be on the front, by error; a dominator is on it and beats at all times."""
@@ -93,6 +95,9 @@ def test_the_line_and_who_dominates(points) -> None:
             assert e <= error
             assert high <= low
             assert e < error or high < low
+            beaters = [p for p in points if whole(p) and p[0] <= error and p[1][1] <= low
+                       and (p[0] < error or p[1][1] < low)]
+            assert (e, high) == min((p[0], p[1][1]) for p in beaters)
 
 
 @given(POINTS)
@@ -174,6 +179,38 @@ def test_ties() -> None:
     assert front([1, 2], [3, 2], [4, 3]).membership == ("certain", "possible")
 
 
+def test_of_equals_which_one() -> None:
+    """Where the first thing asked for is equal, what is known best decides, wherever in the list it stands."""
+    for order in ([0, 1, 2], [2, 0, 1], [1, 2, 0]):
+        def put(*points, order=order):
+            return columns([points[i] for i in order])
+
+        # Equally exact: the one whose upper end is lower, though its lower end is not.
+        found = recommend(*put((1.0, (2.0, 5.0)), (1.0, (3.0, 4.0)), (2.0, (1.0, 1.5))), budget=6.0)
+        assert order[found.point] == 1
+        assert order[found.down.point] == 2
+        # Exact enough: the least lower end, though another's upper end is lower; then the upper end; then the error.
+        points = put((1.0, (2.0, 5.0)), (1.0, (3.0, 4.0)), (9.0, (1.0, 1.0)))
+        assert order[recommend(*points, most_error=2.0).point] == 0
+        row, = equal_error(*points, [2.0])
+        assert order[row.fastest] == 0
+        assert [order[i] for i in row.rivals] == [1]
+        points = put((1.0, (2.0, 5.0)), (1.5, (2.0, 4.0)), (1.0, (2.0, 4.0)))
+        assert order[recommend(*points, most_error=2.0).point] == 2
+        assert order[equal_error(*points, [2.0])[0].fastest] == 2
+        # No rival: it starts below the upper end of the fastest, but above that of another.
+        row, = equal_error(*put((1.0, (2.0, 9.0)), (1.0, (3.0, 4.0)), (1.0, (5.0, 6.0))), [1.0])
+        assert [order[i] for i in row.rivals] == [1]
+        # A step down among equals: the least lower end.
+        found = recommend(*put((1.0, (6.0, 6.0)), (2.0, (3.0, 4.0)), (2.0, (2.0, 5.0))), budget=6.0)
+        assert (order[found.point], order[found.down.point]) == (0, 2)
+        found = recommend(*put((9.0, (1.0, 1.0)), (2.0, (3.0, 4.0)), (2.0, (2.0, 5.0))), budget=1.0)
+        assert (order[found.point], order[found.up.point]) == (0, 2)
+        # Beaten by two that are equally exact: the one surely done first is named.
+        beaten = front(*put((1.0, (2.0, 4.0)), (1.0, (1.0, 5.0)), (2.0, (6.0, 7.0))))
+        assert [order[j] for j in beaten.dominator if j is not None] == [0]
+
+
 def test_all_failed() -> None:
     e, low, high = [NAN, 1.0, 0.0], [1.0, NAN, 1.0], [1.0, 2.0, INF]
     assert front(e, low, high) == Front(("failed",) * 3, (), (None,) * 3)
@@ -207,6 +244,7 @@ def test_equal_error_by_hand() -> None:
     assert equal_error(*LADDER, [5.0], base=5) == (EqualError(5.0, 1, (2,), None, None, None),)
 
 
+@settings(max_examples=400)
 @given(POINTS, st.sampled_from([0.5, 1.0, 2.0, 3.5, 6.0]), st.data())
 def test_tables_are_what_a_search_finds(points, limit, data) -> None:
     base = data.draw(st.integers(0, len(points) - 1))
@@ -252,6 +290,7 @@ def test_recommendations_by_hand() -> None:
     assert recommend(*LADDER, most_error=0.75) == Recommendation(4, False, 0.25, None, Step(3, -4.0, 1.0, True))
 
 
+@settings(max_examples=400)
 @given(POINTS, st.sampled_from([0.5, 1.0, 2.0, 3.5, 6.0]), st.booleans())
 def test_recommendations_are_on_the_front_and_the_best_there(points, limit, by_time) -> None:
     found = recommend(*columns(points), **{"budget" if by_time else "most_error": limit})
