@@ -194,12 +194,19 @@ def exposed(frame: Frame) -> Image:
     return image * frame.display_exposure
 
 
+def with_size(scene: Scene, finer: int) -> Scene:
+    """A scene whose camera has so many times the pixels along each axis."""
+    camera = scene.camera
+    return dataclasses.replace(scene, camera=dataclasses.replace(camera, width=finer * camera.width,
+                                                                 height=finer * camera.height))
+
+
 def _size(scene: Scene) -> tuple[int, int]:
     return scene.camera.height, scene.camera.width
 
 
-def last_image(subject: Subject, settings: Settings, *, frames: int | None = None,
-               threads: int | None = None, tell: Callable[[int], None] | None = None) -> Image:
+def last_image(subject: Subject, settings: Settings, *, frames: int | None = None, finer: int = 1,
+               threads: int | None = None) -> Image:
     """The image that errors are taken of: on the raster, of the moment that is looked at.
 
     Parameters
@@ -208,9 +215,9 @@ def last_image(subject: Subject, settings: Settings, *, frames: int | None = Non
     settings : Settings
     frames : int, optional
         Frames before and with that moment; the subject's if the settings average over time, else one.
+    finer : int
+        Odd: pixels along each axis for one of the raster's, of which the middle one is taken.
     threads : int, optional
-    tell : callable, optional
-        Called with each frame's number within these.
 
     Returns
     -------
@@ -222,14 +229,16 @@ def last_image(subject: Subject, settings: Settings, *, frames: int | None = Non
         Settings that this scene cannot be run with.
     """
     final = final_result(settings)
+    if finer > 1:
+        subject = subject._replace(small=with_size(subject.small, finer))
     if not averages(settings):
         scene, how, assets = subject.now(settings, small=True)
-        return exposed(run_frame(scene, how, assets=assets, outputs=[final], threads=threads, frame=subject.frames - 1))
+        frame = run_frame(scene, how, assets=assets, outputs=[final], threads=threads, frame=subject.frames - 1)
+        return exposed(frame)[:, finer // 2::finer, finer // 2::finer]
     count = min(frames or subject.frames, subject.frames)
     made = run_sequence(subject.small, frames=subject.frames, first=subject.frames - count, settings=settings,
-                        rate=subject.rate, assets=subject.small_assets, outputs=[final], threads=threads,
-                        progress=None if tell is None else lambda what, done, count: tell(done))
-    return exposed(deque(made, maxlen=1).pop())
+                        rate=subject.rate, assets=subject.small_assets, outputs=[final], threads=threads)
+    return exposed(deque(made, maxlen=1).pop())[:, finer // 2::finer, finer // 2::finer]
 
 
 def reference_image(subject: Subject, *, rtol: float, threads: int | None = None,
@@ -298,17 +307,18 @@ def distance(image: Image, reference: Image, *, epsilon: float) -> Errors:
     0.1
     """
     norms = (compare.relative_mse(image, reference, epsilon=epsilon), compare.bias(image, reference),
-             compare.quantile(image, reference, 0.999), compare.maximum(image, reference))
+             compare.quantile(image, reference, 0.999), compare.maximum(image, reference),
+             compare.absolute(image, reference))
     fault = next((norm.fault for norm in norms if norm.fault), "")
     if fault:
         return Errors(math.nan, math.nan, math.nan, math.nan, None, fault)
     mean = float(np.abs(reference[np.isfinite(reference)]).mean()) if np.isfinite(reference).any() else 0.0
-    relmse, bias, quantile, maximum = (norm.value for norm in norms)
+    relmse, bias, quantile, maximum, absolute = (norm.value for norm in norms)
     if mean == 0.0:
         if maximum == 0.0:
-            return Errors(relmse, 0.0, 0.0, 0.0)
+            return Errors(relmse, 0.0, 0.0, 0.0, absolute=0.0)
         return Errors(math.nan, math.nan, math.nan, math.nan, None, "the reference is black: no share of its mean")
-    return Errors(relmse, bias / mean, quantile / mean, maximum / mean)
+    return Errors(relmse, bias / mean, quantile / mean, maximum / mean, absolute=absolute / mean)
 
 
 def whole_errors(image: Image, reference: Image, *, epsilon: float, exposure: float = 1.0,

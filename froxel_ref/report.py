@@ -159,7 +159,7 @@ def _reference(prepared: Prepared, folder: Path) -> Iterator[Work]:
 
 
 def _image(prepared: Prepared, folder: Path, name: str, label: str, settings: Settings | None, frames: int,
-           fault: str = "") -> Work:
+           fault: str = "", finer: int = 1) -> Work:
     """An image and its distance from the truth; what cannot be computed is told, and nothing is raised."""
     subject, shape = prepared.subject, (3, *prepared.raster[::-1])
 
@@ -170,7 +170,7 @@ def _image(prepared: Prepared, folder: Path, name: str, label: str, settings: Se
         assert truth is not None
         try:
             with _quiet():
-                image = last_image(subject, settings, frames=frames, threads=prepared.asked.threads)
+                image = last_image(subject, settings, frames=frames, finer=finer, threads=prepared.asked.threads)
         except (InputError, MemoryError, ArithmeticError) as error:
             return {"fault": _words(error)}
         report_log.store_image(folder, name, image)
@@ -248,7 +248,8 @@ def refined(settings: Settings, parts: tuple[Part, ...], factor: float) -> Setti
              for name in ("smallest", "small", "large", "atlas", "directional_size")}
     return replace(
         plain, grid=with_fields(grid, width=times(grid.width), height=times(grid.height), depth=times(grid.depth)),
-        shadow_maps=with_fields(maps, **sizes), long_range=with_fields(far, steps=times(far.steps)),
+        shadow_maps=with_fields(maps, **sizes),
+        long_range=with_fields(far, steps=times(far.steps), noise=False),
         opacity_maps=with_fields(opacity, gutter=min(opacity.gutter, tiles["smallest"] // 3),
                                  harmonics=min(32, times(opacity.harmonics + 1, 2) - 1), **tiles))
 
@@ -272,7 +273,10 @@ def _levels(prepared: Prepared, folder: Path) -> Iterator[Work]:
     for factor in prepared.suite.levels:
         settings = refined(prepared.subject.settings, prepared.parts, factor)
         name = level_name(settings, shadowed=prepared.planned["shadow"].runs, dimmed=prepared.planned["fom"].runs)
-        work = _image(prepared, folder, f"level {factor:g}", f"refined: {name}", settings, 1)
+        # Where the long range is marched, at half the image's resolution, that is refined too.
+        finer = 2 * int(2 * factor) + 1 if prepared.planned["long_range"].runs else 1
+        name += f", image x{finer}" if finer > 1 else ""
+        work = _image(prepared, folder, f"level {factor:g}", f"refined: {name}", settings, 1, finer=finer)
 
         def run(work: Work = work, name: str = name, factor: float = factor) -> Any:
             return {"label": name, "step": 1.0 / factor, **work.run()}

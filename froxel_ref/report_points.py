@@ -24,6 +24,8 @@ __all__ = ["BASE", "EPSILON", "SUITES", "Asked", "Prepared", "Spot", "Suite", "d
 
 BASE = "base"
 
+MANY = 20  # lights
+
 # ε of relMSE, on radiance times exposure, which is of order 1 [Rousselle 2011].
 EPSILON = compare.RELATIVE_MSE_EPSILON
 
@@ -162,13 +164,18 @@ def prepare(loaded: Loaded, asked: Asked, *, overrides: Sequence[str] = (), abou
     for name, limit in (("--budget-ms", asked.limit_ms), ("--max-error", asked.limit_error)):
         if limit is not None and not (math.isfinite(limit) and limit > 0.0):
             raise InputError(name, f"is {limit:g}, must be above 0")
-    subject = make_subject(loaded, pixels=suite.pixels, frames=suite.frames)
+    subject = make_subject(loaded, pixels=_pixels(loaded, suite), frames=suite.frames)
     scene, how, _ = subject.now(loaded.settings)
     planned = plan(scene, how, [final_result(how)])
     spots, left_out = _spots(subject, planned, asked)
     parts, others = parts_of(scene, how, planned, raster=(subject.small.camera.width, subject.small.camera.height),
                              refine=suite.refine)
     return Prepared(subject, asked, suite, planned, spots, left_out, parts, others, tuple(overrides), about)
+
+
+def _pixels(loaded: Loaded, suite: Suite) -> int:
+    """Fewer where lights are many, each of which the truth integrates along every ray."""
+    return round(suite.pixels * min(1.0, math.sqrt(MANY / max(1, len(loaded.scene.all_lights)))))
 
 
 def _spots(subject: Subject, planned: Plan, asked: Asked) -> tuple[tuple[Spot, ...], tuple[LeftOut, ...]]:

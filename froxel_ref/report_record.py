@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -20,13 +21,16 @@ class Spread(NamedTuple):
     Attributes
     ----------
     least, median : float [s]
-        The best estimate on a shared machine, and what noise adds: the ends of an error bar.
+        The best estimate on a shared machine, and what noise adds.
     runs : int
+    high : float [s]
+        The end of the error bar that begins at the least: the median, or more where others' times spread more.
     """
 
     least: float
     median: float
     runs: int
+    high: float
 
 
 class Errors(NamedTuple):
@@ -46,6 +50,8 @@ class Errors(NamedTuple):
         Mean HDR-FLIP; None where it was not taken.
     fault : str
         Why there are no errors, in words: all are NaN then.
+    absolute : float [1]
+        Mean of |a − b|, over the mean of b. A few pixels that are far off count by how far they are, not by its square.
     """
 
     relmse: float
@@ -54,6 +60,7 @@ class Errors(NamedTuple):
     maximum: float
     flip: float | None = None
     fault: str = ""
+    absolute: float = math.nan
 
 
 class Point(NamedTuple):
@@ -125,6 +132,8 @@ class Setup(NamedTuple):
         Width and height of the images that errors are taken of: the same view.
     repeats, frames : int
         Timed runs of a point, at most; frames of points that average over time.
+    noise : float [1]
+        The ratio of median to least that nine of ten points stay below: no error bar is shorter.
     epsilon : float
         Of relMSE.
     exposure : float
@@ -151,6 +160,7 @@ class Setup(NamedTuple):
     raster: tuple[int, int]
     repeats: int
     frames: int
+    noise: float
     epsilon: float
     exposure: float
     pixels_per_degree: float
@@ -299,11 +309,16 @@ class Refinement(NamedTuple):
         reference. None where a level has no error.
     residual : float or None
         Root mean square of ln(error/fit).
+    absolute_order, absolute_residual : float or None
+        The same of the mean absolute error: where a few pixels on edges of light decide on relMSE, this is the steadier
+        one.
     """
 
     levels: tuple[Level, ...]
     order: float | None
     residual: float | None
+    absolute_order: float | None = None
+    absolute_residual: float | None = None
 
 
 class Saved(NamedTuple):
