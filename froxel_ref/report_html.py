@@ -689,8 +689,8 @@ def _reading(report: Report) -> str:
          "bar to the median is what these add"),
         ("errors of", f"images of {_num(_by(setup.raster))} pixels, the same view, apart from the timed "
          f"runs. Points that average over time are the last of {_many(setup.frames, 'frame')}"),
-        ("front", "points that no other beats in both time and relMSE. Certain: whatever the noise of times, within their "
-         "bars; possible: it depends on that noise"),
+        ("front", "points that no other beats in both time and relMSE. Certain: whatever the noise of times, within "
+         "their bars; possible: it depends on that noise"),
         ("memory", "the most bytes that arrays took at one moment of a frame; 1 MB is 10⁶ bytes"),
     ]
     return '<dl class="list">' + "".join(f"<dt>{name}</dt><dd>{words}</dd>" for name, words in entries) + "</dl>"

@@ -201,7 +201,8 @@ def test_the_front_of_flip_by_hand():
     assert front_of(points((0.5, 1.0, 1.1), (0.5, 1.05, 1.2)), "flip") == {0: "possible", 1: "possible"}
     # Members by relMSE are the report's own.
     members = ("possible", "dominated", "certain", "dominated")
-    assert front_of([p._replace(member=m) for p, m in zip(these, members, strict=True)]) == {0: "possible", 2: "certain"}
+    told = [p._replace(member=m) for p, m in zip(these, members, strict=True)]
+    assert front_of(told) == {0: "possible", 2: "certain"}
 
 
 def test_the_steps_of_the_front_go_down():
