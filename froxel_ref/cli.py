@@ -22,7 +22,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from froxel_ref import __version__, cli_stability, cli_truth
+from froxel_ref import __version__, cli_report, cli_stability, cli_truth
 from froxel_ref.cli_progress import Progress, progress
 from froxel_ref.records import InputError, shown
 
@@ -231,6 +231,11 @@ def _parser() -> argparse.ArgumentParser:
                         cli_stability.EXAMPLES)
     _output_options(stability, "DIR", "folder to make (default: stability)")
     cli_stability.add_options(stability)
+    report = command("report", _report, "measure error against run time, and what the errors come of",
+                     cli_report.EXAMPLES)
+    _scene_options(report)
+    _output_options(report, "DIR", "folder to make (default: report-SCENE)")
+    cli_report.add_options(report)
     command("schema", _schema, "print the JSON Schema of scene files",
             "example:\n  froxel-ref schema > scene.schema.json\n")
     return parser
@@ -266,6 +271,11 @@ def _load(args: argparse.Namespace) -> Loaded:
     """The scene with the options that change it, each by the name that its own message will give."""
     from froxel_ref.scene_files import load
 
+    return load(args.scene, overrides=_changes(args), data=args.data)
+
+
+def _changes(args: argparse.Namespace) -> list[str]:
+    """What the options change, as overrides."""
     changes = [] if args.preset is None else _preset(args.preset)
     changes += args.changes
     if args.precision is not None:
@@ -279,7 +289,7 @@ def _load(args: argparse.Namespace) -> Loaded:
     if args.size is not None:
         sizes = _sizes(args.size, "--size", "WIDTHxHEIGHT")
         changes += [f"scene.camera.{axis}={n}" for axis, n in zip(("width", "height"), sizes, strict=True)]
-    return load(args.scene, overrides=changes, data=args.data)
+    return changes
 
 
 def _preset(name: str) -> list[str]:
@@ -486,6 +496,11 @@ def _truth(args: argparse.Namespace) -> None:
 
 def _stability(args: argparse.Namespace) -> None:
     cli_stability.run_stability(args, _table)
+
+
+def _report(args: argparse.Namespace) -> None:
+    args.typed = _changes(args)
+    cli_report.run_report_command(args, _load, _table)
 
 
 def _schema(args: argparse.Namespace) -> None:

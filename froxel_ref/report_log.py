@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from froxel_ref.output import refusal, whole_file
 from froxel_ref.records import InputError, shown
 
-__all__ = ["FORMAT", "IMAGES", "LOG", "Entry", "append", "begin", "image_path", "load_image", "read", "store_image"]
+__all__ = ["FORMAT", "IMAGES", "LOG", "Entry", "append", "begin", "image_path", "is_log", "load_image", "read", "store_image"]
 
 LOG, IMAGES = "measurements.jsonl", "images"
 FORMAT, VERSION = "froxel-ref measurements", 1
@@ -93,6 +93,16 @@ def read(folder: Path, header: Mapping[str, Any]) -> dict[str, Entry]:
                                          "folder, or --force to begin anew")
     return {str(each["name"]): Entry(each["value"], each["took"]) for each in documents[1:]
             if {"name", "value", "took"} <= each.keys() and isinstance(each["took"], float)}
+
+
+def is_log(path: Path) -> bool:
+    """Whether a file begins as a log does."""
+    try:
+        with path.open("rb") as file:
+            found = _parsed(file.readline(1_000_000).decode("utf-8", "replace"))
+    except OSError:
+        return False
+    return found is not None and found.get("format") == FORMAT
 
 
 def _parsed(line: str) -> dict[str, Any] | None:

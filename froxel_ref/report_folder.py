@@ -1,0 +1,121 @@
+"""A report's folder: what may stand there, beginning, going on, and what is written in the end."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from froxel_ref import report_log
+from froxel_ref.output import check_folder, refusal
+from froxel_ref.records import InputError
+from froxel_ref.report import Tell, measure
+from froxel_ref.report_files import BUDGET, JSON, PAGE, PICTURES, POINTS, REFINEMENT, write_report
+from froxel_ref.report_points import Prepared
+from froxel_ref.report_record import Report
+
+__all__ = ["check_target", "drop_empty", "measured", "run_report"]
+
+FILES = (JSON, POINTS, BUDGET, REFINEMENT, PAGE, *PICTURES, report_log.LOG, report_log.IMAGES)
+
+
+def check_target(folder: Path, *, force: bool = False, resume: bool = False) -> None:
+    """Whether a report may be written there.
+
+    Parameters
+    ----------
+    folder : Path
+    force : bool
+        Begin anew over what stands there.
+    resume : bool
+        Go on with what stands there.
+
+    Raises
+    ------
+    InputError
+        The place is taken, or holds what is no part of a report.
+    """
+    check_folder(folder, _foreign, force=force or resume, kind="report", short="report",
+                 instead="--resume to go on with it, --force to replace it")
+
+
+def _foreign(folder: Path) -> str | None:
+    """Something in the folder that no report put there."""
+    log = folder / report_log.LOG
+    known = FILES if log.is_file() and report_log.is_log(log) else ()
+    images = folder / report_log.IMAGES
+    strange = [entry.name for entry in sorted(folder.iterdir()) if entry.name not in known]
+    if not strange and known and images.is_dir():
+        strange = [f"{images.name}/{entry.name}" for entry in sorted(images.iterdir()) if entry.suffix != ".npy"]
+    return strange[0] if strange else None
+
+
+def run_report(prepared: Prepared, folder: Path, *, force: bool = False, resume: bool = False, tell: Tell | None = None
+               ) -> Report:
+    """Measure into a folder and write the report there.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    folder : Path
+        Made if it is not there.
+    force, resume : bool
+        As for `check_target`.
+    tell : callable, optional
+        As for `froxel_ref.report.measure`.
+
+    Returns
+    -------
+    Report
+
+    Raises
+    ------
+    InputError
+        The place is taken; what stands there is of something else; it cannot be written.
+
+    Notes
+    -----
+    Every measurement is on disk as soon as it is made: interrupted at any moment, it can be gone on with.
+    """
+    check_target(folder, force=force, resume=resume)
+    if resume:
+        done = report_log.read(folder, prepared.header)
+    else:
+        _clear(folder)
+        report_log.begin(folder, prepared.header)
+        done = {}
+    report = measure(prepared, folder, done=done, tell=tell)
+    write_report(folder, report)
+    return report
+
+
+def _clear(folder: Path) -> None:
+    """Remove an earlier report, file by file."""
+    if not folder.is_dir():
+        return
+    try:
+        for name in FILES:
+            path = folder / name
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
+    except OSError as error:
+        raise refusal(error, "output", folder) from None
+
+
+def measured(folder: Path) -> int:
+    """How many measurements stand in a folder."""
+    try:
+        return max(0, sum(1 for _ in (folder / report_log.LOG).open("rb")) - 1)
+    except OSError:
+        return 0
+
+
+def drop_empty(folder: Path) -> None:
+    """Remove a folder in which nothing has been measured yet."""
+    if folder.is_dir() and measured(folder) == 0 and not any((folder / name).exists() for name in (JSON, PAGE)):
+        _clear(folder)
+        try:
+            folder.rmdir()
+        except OSError:
+            raise InputError("output", f"{folder} could not be removed") from None
