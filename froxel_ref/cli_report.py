@@ -73,7 +73,8 @@ def _number(option: str, text: str | None) -> float | None:
     if text is None:
         return None
     if not re.fullmatch(r"([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]{1,3})?", text) or not 0.0 < float(text) < 1e300:
-        raise InputError(option, f"is {shown(text)}, must be a number above 0 such as {'33' if 'ms' in option else '1e-3'}")
+        example = "33" if option == "--budget-ms" else "1e-3"
+        raise InputError(option, f"is {shown(text)}, must be a number above 0 such as {example}")
     return float(text)
 
 
@@ -178,7 +179,7 @@ def _print(report: Report, table: Callable[[Sequence[Sequence[str]], str], None]
           f"{len(report.points)} points in {setup.took:.0f} s")
     if reference.unconverged:
         print(f"the truth did not converge in {reference.unconverged} of {reference.pixels} pixels")
-    rows = [("point", "ms", "MB", "relMSE", "bias", "FLIP", "front")]
+    rows: list[Sequence[str]] = [("point", "ms", "MB", "relMSE", "bias", "FLIP", "front")]
     shown_points = [point for point in report.points if point.member != "dominated" or point.knob == "base"]
     rows += [_row(point) for point in sorted(shown_points, key=_time)]
     table(rows, "lrrrrrl")
@@ -191,9 +192,9 @@ def _print(report: Report, table: Callable[[Sequence[Sequence[str]], str], None]
         _print_refinement(report, table)
     if report.saved is not None:
         saved = report.saved
-        print(f"left out: {len(saved.left_out)} stages and parts; {saved.forced.least / saved.planned.least:.2f} times "
-              f"as fast as with everything forced on, {saved.forced_bytes / max(1, saved.planned_bytes):.2f} times less "
-              f"memory, {'the same bit for bit' if saved.same else 'NOT THE SAME'}")
+        faster, less = saved.forced.least / saved.planned.least, saved.forced_bytes / max(1, saved.planned_bytes)
+        print(f"left out: {len(saved.left_out)} stages and parts; {faster:.2f} times as fast as with everything forced "
+              f"on, {less:.2f} times less memory, {'the same bit for bit' if saved.same else 'NOT THE SAME'}")
     for each in report.left_out:
         print(f"not turned: {each.name} ({each.why})")
     if report.recommendation is not None:
@@ -219,7 +220,8 @@ def _print_budget(budget: Budget, table: Callable[[Sequence[Sequence[str]], str]
     rows = [("budget", "share", "alone", "without it", "")]
     rows += [(part.name, f"{100.0 * part.share:.1f} %", f"{part.alone:.2e}", f"{part.without:.2e}",
               f"{part.about} -> {part.truth}") for part in budget.parts]
-    rows.append(("rest", f"{100.0 * budget.rest:.1f} %", f"{budget.rest_relmse:.2e}", "", "what the finer settings leave"))
+    rows.append(("rest", f"{100.0 * budget.rest:.1f} %", f"{budget.rest_relmse:.2e}", "",
+                 "what the finer settings leave"))
     rows.append(("interaction", f"{100.0 * budget.interaction:.1f} %", f"{budget.interaction_relmse:.2e}", "",
                  "what parts do together and none alone"))
     whole = sum(part.share for part in budget.parts) + budget.rest + budget.interaction
@@ -227,9 +229,10 @@ def _print_budget(budget: Budget, table: Callable[[Sequence[Sequence[str]], str]
     table(rows, "lrrrl")
     if budget.claim is not None:
         claim = budget.claim
-        print(f"with {claim.name} true, relMSE should fall to {claim.claimed:.2e} if parts simply added up, and falls to "
-              f"{claim.measured:.2e}: the roots differ by {abs(claim.claimed**0.5 - claim.measured**0.5):.2e}, the "
-              f"interaction explains up to {claim.slack:.2e}")
+        apart = abs(claim.claimed**0.5 - claim.measured**0.5)
+        print(f"with {claim.name} true, relMSE should fall to {claim.claimed:.2e} if parts simply added up, and falls "
+              f"to {claim.measured:.2e}: the roots differ by {apart:.2e}, the interaction explains up to "
+              f"{claim.slack:.2e}")
 
 
 def _print_refinement(report: Report, table: Callable[[Sequence[Sequence[str]], str], None]) -> None:

@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 from froxel_ref.output import refusal, whole_file
 from froxel_ref.records import InputError, shown
 
-__all__ = ["FORMAT", "IMAGES", "LOG", "Entry", "append", "begin", "image_path", "is_log", "load_image", "read", "store_image"]
+__all__ = [
+    "FORMAT", "IMAGES", "LOG", "Entry", "append", "begin", "image_path", "is_log", "load_image", "read", "store_image",
+]
 
 LOG, IMAGES = "measurements.jsonl", "images"
 FORMAT, VERSION = "froxel-ref measurements", 1
