@@ -108,7 +108,7 @@ def filter_reach(pixels_per_degree: float = PIXELS_PER_DEGREE) -> int:
     Returns
     -------
     int
-        Three standard deviations of the widest of the filters [Andersson 2020, table 1], rounded up.
+        Three standard deviations of the widest of the filters [Andersson 2020], rounded up.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def flip(result: ArrayLike, expected: ArrayLike, *, exposure: float, pixels_per_
     `compare.bias` and others see the rest. The largest value occurs for saturated green against blue;
     white against black is 0.967.
 
-    Small differences count by their power 0.7, that of colours [Andersson 2020, §4.1.3]: where radiance
+    Small differences count by their power 0.7, that of colours [Andersson 2020]: where radiance
     converges with order p, FLIP does with 0.7·p, down to some 3e-5, the rounding of float32 to the same power.
 
     Examples

@@ -32,7 +32,7 @@ from froxel_ref.report_record import Report
 from froxel_ref.report_sums import put_together
 from froxel_ref.settings import Settings, replace
 
-__all__ = ["Work", "measure", "measurements", "refined"]
+__all__ = ["Work", "finer_image", "level_name", "measure", "measurements", "refined"]
 
 Image = NDArray[np.float64]
 Tell = Callable[[str, int, int], None]
@@ -269,12 +269,16 @@ def level_name(settings: Settings, *, shadowed: bool, dimmed: bool) -> str:
                       *[f"K={opacity.harmonics} on {opacity.large}²"] * dimmed])
 
 
+def finer_image(prepared: Prepared, factor: float) -> int:
+    """Pixels along each axis for one of the raster's: the long range is marched at half the image's resolution."""
+    return 2 * int(2.0 * factor) + 1 if prepared.planned["long_range"].runs else 1
+
+
 def _levels(prepared: Prepared, folder: Path) -> Iterator[Work]:
     for factor in prepared.suite.levels:
         settings = refined(prepared.subject.settings, prepared.parts, factor)
         name = level_name(settings, shadowed=prepared.planned["shadow"].runs, dimmed=prepared.planned["fom"].runs)
-        # Where the long range is marched, at half the image's resolution, that is refined too.
-        finer = 2 * int(2 * factor) + 1 if prepared.planned["long_range"].runs else 1
+        finer = finer_image(prepared, factor)
         name += f", image x{finer}" if finer > 1 else ""
         work = _image(prepared, folder, f"level {factor:g}", f"refined: {name}", settings, 1, finer=finer)
 

@@ -138,7 +138,8 @@ def digest(loaded: Loaded) -> str:
 # --- what is to be measured -----------------------------------------------------------------------------
 
 
-def prepare(loaded: Loaded, asked: Asked, *, overrides: Sequence[str] = (), about: str = "") -> Prepared:
+def prepare(loaded: Loaded, asked: Asked, *, overrides: Sequence[str] = (), about: str = "", sweep: bool = True
+            ) -> Prepared:
     """Check what is asked for and list what is to be measured.
 
     Parameters
@@ -149,6 +150,8 @@ def prepare(loaded: Loaded, asked: Asked, *, overrides: Sequence[str] = (), abou
         What made these settings of the scene's own, for the report to tell.
     about : str
         The scene's sentence.
+    sweep : bool
+        Refuse a report of the base alone.
 
     Returns
     -------
@@ -168,6 +171,9 @@ def prepare(loaded: Loaded, asked: Asked, *, overrides: Sequence[str] = (), abou
     scene, how, _ = subject.now(loaded.settings)
     planned = plan(scene, how, [final_result(how)])
     spots, left_out = _spots(subject, planned, asked)
+    if sweep and len(spots) == 1:
+        reasons = "; ".join(f"{each.name}: {each.why}" for each in left_out[:3]) or "every value is the base's own"
+        raise InputError("--knobs", f"leave an empty sweep ({reasons}), must name some that this scene has a use for")
     parts, others = parts_of(scene, how, planned, raster=(subject.small.camera.width, subject.small.camera.height),
                              refine=suite.refine)
     return Prepared(subject, asked, suite, planned, spots, left_out, parts, others, tuple(overrides), about)
@@ -204,9 +210,6 @@ def _spots(subject: Subject, planned: Plan, asked: Asked) -> tuple[tuple[Spot, .
             if (settings, frames) not in seen:
                 seen.add((settings, frames))
                 spots.append(Spot(name, knob.name, step.label, step.overrides, frames, settings))
-    if len(spots) == 1:
-        reasons = "; ".join(f"{each.name}: {each.why}" for each in left_out[:3]) or "every value is the base's own"
-        raise InputError("--knobs", f"leave an empty sweep ({reasons}), must name some that this scene has a use for")
     return tuple(spots), tuple(left_out)
 
 

@@ -72,7 +72,7 @@ def constant_flip(one: tuple[float, ...], other: tuple[float, ...], kind: str) -
     """Of two images of one colour each: no edges, no points, and filters leave a constant alone.
 
     The power 0.7 of the HyAB distance, over its largest, green against blue; the first 40 % of that are
-    stretched over 95 % of the scale [Andersson 2020, §4.1.3].
+    stretched over 95 % of the scale [Andersson 2020].
     """
     most = distance([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]) ** 0.7
     error = distance(tone_mapped(one, kind), tone_mapped(other, kind)) ** 0.7
