@@ -8,6 +8,7 @@ the error e = F(all) − T is taken apart as
 
 where r is what the replacements, fine but not infinitely so, leave, and x what parts do together. In the inner product
 ⟨u, v⟩ = mean of u·v/(T² + ε), in which relMSE is ⟨e, e⟩, the shares ⟨a_i, e⟩/⟨e, e⟩, those of r and of x add up to 1.
+Where F(only i) would take too long, a_i is F(all) − F(all but i) instead: what i adds to the others.
 """
 
 from __future__ import annotations
@@ -193,7 +194,7 @@ def make_budget(parts: Sequence[Part], left_out: Sequence[LeftOut], *, truth: Im
     whole, none : ndarray, shape (3, h, w)
         The image with all approximations, and with none.
     alone, without : mapping of str to ndarray, shape (3, h, w)
-        By part: the image with this approximation only, and with all others.
+        By part: the image with this approximation only, if there is one, and with all others.
     epsilon : float
         Of relMSE.
     regions : mapping of str to ndarray of bool, shape (h, w)
@@ -236,11 +237,12 @@ def make_budget(parts: Sequence[Part], left_out: Sequence[LeftOut], *, truth: Im
 
     found, together = [], error - (none - truth)
     for part in parts:
-        adds = alone[part.name] - none
+        tried = part.name in alone
+        adds = alone[part.name] - none if tried else whole - without[part.name]
         together = together - adds
         left = without[part.name] - truth
         found.append(BudgetPart(
-            part.name, part.about, part.truth, product(adds, adds), product(left, left), share(adds),
+            part.name, part.about, part.truth, product(adds, adds) if tried else None, product(left, left), share(adds),
             float(np.mean(adds)) / mean if mean else 0.0, {name: share(adds, mask) for name, mask in regions.items()}))
     rest = none - truth
     return Budget(
@@ -252,10 +254,11 @@ def make_budget(parts: Sequence[Part], left_out: Sequence[LeftOut], *, truth: Im
 
 def _claim(found: Sequence[BudgetPart], error: Image, none: Image, alone: Mapping[str, Image],
            without: Mapping[str, Image], whole: Image, product: Callable[[Image, Image], float]) -> Claim | None:
-    """What the largest part's truth should leave, and what it does."""
-    if not found:
+    """What the truth of the largest part that was tried alone should leave, and what it does."""
+    tried = [part for part in found if part.alone is not None]
+    if not tried:
         return None
-    largest = max(found, key=lambda part: part.share)
+    largest = max(tried, key=lambda part: part.share)
     adds, more = alone[largest.name] - none, whole - without[largest.name]
     left, apart = error - adds, more - adds
     return Claim(largest.name, product(left, left), largest.without, float(np.sqrt(product(apart, apart))))

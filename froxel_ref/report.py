@@ -207,7 +207,9 @@ def _budget_images(prepared: Prepared, folder: Path) -> Iterator[Work]:
     yield work("budget: none", all_true(base, parts))
     for part in parts:
         yield work(f"budget: without {part.name}", part.replaced(base))
-        yield work(f"budget: {part.name} alone", only(base, parts, part))
+        alone = work(f"budget: {part.name} alone", only(base, parts, part))
+        if alone.weight <= prepared.suite.longest:  # as for averages over many frames it may not be
+            yield alone
 
 
 # --- refinement -----------------------------------------------------------------------------------------

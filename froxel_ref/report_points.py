@@ -49,6 +49,9 @@ class Suite(NamedTuple):
         Slices of the budget's truth for each of the frame's.
     levels : tuple of float
         Of the refinement: froxels along each axis, over the base's.
+    longest : float
+        Froxels of an image of the budget, of all its frames, times what rays cost: a part that takes more is not tried
+        alone.
     """
 
     pixels: int
@@ -58,11 +61,12 @@ class Suite(NamedTuple):
     slow: float
     refine: int
     levels: tuple[float, ...]
+    longest: float
 
 
 SUITES: dict[str, Suite] = {
-    "quick": Suite(7_000, 16, 1e-3, 3, 2.0, 4, (0.25, 0.5, 1.0, 2.0)),
-    "full": Suite(24_000, 64, 1e-4, 7, 20.0, 8, (0.25, 0.5, 1.0, 2.0, 3.0)),
+    "quick": Suite(7_000, 16, 1e-3, 3, 2.0, 4, (0.25, 0.5, 1.0, 2.0), 6e7),
+    "full": Suite(24_000, 64, 1e-4, 7, 20.0, 8, (0.25, 0.5, 1.0, 2.0, 3.0), 3e9),
 }
 
 

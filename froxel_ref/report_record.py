@@ -206,8 +206,9 @@ class BudgetPart(NamedTuple):
     name, about : str
     truth : str
         What it is replaced by, in words.
-    alone : float [1]
-        ⟨a, a⟩: its relMSE with everything else true.
+    alone : float or None [1]
+        ⟨a, a⟩: its relMSE with everything else true. None where that would take too long: a is then what this part
+        adds to all others.
     without : float [1]
         relMSE of the frame with this part replaced by its truth, all others on.
     share : float [1]
@@ -221,7 +222,7 @@ class BudgetPart(NamedTuple):
     name: str
     about: str
     truth: str
-    alone: float
+    alone: float | None
     without: float
     share: float
     bias: float

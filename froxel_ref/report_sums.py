@@ -193,14 +193,16 @@ def _budget(prepared: Prepared, folder: Path, done: Done, truth: Image) -> Budge
     kept: list[Part] = []
     left = list(prepared.parts_left_out)
     for part in prepared.parts:
-        names = f"budget: {part.name} alone", f"budget: without {part.name}"
+        names = [name for name in (f"budget: {part.name} alone", f"budget: without {part.name}") if name in done]
         found = {name: each for name in names if (each := image(name)) is not None}
         failed = next((name for name in names if name not in found), None)
         if failed is not None:
             left.append(LeftOut(part.name, f"could not be replaced: {errors_of(done[failed].value).fault}"))
             continue
         kept.append(part)
-        alone[part.name], without[part.name] = (found[name] for name in names)
+        without[part.name] = found[names[-1]]
+        if len(names) == 2:
+            alone[part.name] = found[names[0]]
     return make_budget(kept, left, truth=truth, whole=whole, none=whole if none is None else none, alone=alone,
                        without=without, epsilon=EPSILON, regions=regions(prepared.subject))
 
