@@ -4,9 +4,9 @@
 
 Level 1 is the scene's own grid, shadow maps, opacity maps, harmonics and steps of the long range; level ½ half as many
 along each axis of the grid and each side of a map. All else is as exact as settings make it
-(`froxel_ref.report.refined`). Prints √relMSE and the mean absolute error against the converged truth, over the mean of the truth, with their orders:
-the slopes of their logarithms. On edges of light both are jumps: order 1 of the mean, ½ of the root, which a few pixels
-decide on.
+(`froxel_ref.report.refined`). Prints √relMSE and the mean absolute error against the converged truth, over the mean of
+the truth, with their orders: the slopes of their logarithms. On edges of light both are jumps: order 1 of the mean, ½
+of the root, which a few pixels decide on.
 """
 
 from __future__ import annotations

@@ -218,8 +218,8 @@ def _row(point: Point) -> tuple[str, ...]:
 
 def _print_budget(budget: Budget, table: Callable[[Sequence[Sequence[str]], str], None]) -> None:
     rows = [("budget", "share", "alone", "without it", "")]
-    rows += [(part.name, f"{100.0 * part.share:.1f} %", "-" if part.alone is None else f"{part.alone:.2e}", f"{part.without:.2e}",
-              f"{part.about} -> {part.truth}") for part in budget.parts]
+    rows += [(part.name, f"{100.0 * part.share:.1f} %", "-" if part.alone is None else f"{part.alone:.2e}",
+              f"{part.without:.2e}", f"{part.about} -> {part.truth}") for part in budget.parts]
     rows.append(("rest", f"{100.0 * budget.rest:.1f} %", f"{budget.rest_relmse:.2e}", "",
                  "what the finer settings leave"))
     rows.append(("interaction", f"{100.0 * budget.interaction:.1f} %", f"{budget.interaction_relmse:.2e}", "",
