@@ -8,6 +8,7 @@ stretch of each. Places on the square are a ratio of two functions linear along 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -36,6 +37,7 @@ Integers: TypeAlias = NDArray[np.integer[Any]]
 EPS = float(np.finfo(np.float64).eps)
 ROUNDINGS = 8.0  # in ulp, by which a point must lie behind a particle, as for froxel_ref.billboard_shadows
 PAIRS = 1 << 20  # of a ray and a particle that are tried at a time
+TOGETHER = 1 << 16  # pairs of an interval and a shadow that are looked at at a time
 TEXELS = 2.0     # of a particle's texture that a piece of its shadow crosses, so that a rule's nodes see each
 
 
@@ -358,8 +360,14 @@ def passing(shadows: Shadows, rows: Integers, t: Array) -> Array:
     result = np.ones(t.shape)
     if not shadows.particle.size or not t.size:
         return result
-    stretch, shadow = shadow_pairs(shadows, rows, t.min(axis=1), t.max(axis=1))
-    if stretch.size:
-        starts = np.flatnonzero(np.diff(stretch, prepend=-1))
-        result[stretch[starts]] = np.multiply.reduceat(shadow_shares(shadows, shadow, t[stretch]), starts, axis=0)
+    # Some rows at a time, so that memory stays bounded however many shadows a ray crosses.
+    most = np.cumsum(shadows.first[rows + 1] - shadows.first[rows])
+    ends = np.flatnonzero(np.diff(most // TOGETHER, append=-1)) + 1
+    for begin, end in pairwise([0, *ends.tolist()]):
+        some = slice(begin, end)
+        stretch, shadow = shadow_pairs(shadows, rows[some], t[some].min(axis=1), t[some].max(axis=1))
+        if stretch.size:
+            starts = np.flatnonzero(np.diff(stretch, prepend=-1))
+            shares = shadow_shares(shadows, shadow, t[some][stretch])
+            result[begin + stretch[starts]] = np.multiply.reduceat(shares, starts, axis=0)
     return result
