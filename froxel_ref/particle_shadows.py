@@ -38,7 +38,8 @@ EPS = float(np.finfo(np.float64).eps)
 ROUNDINGS = 8.0  # in ulp, by which a point must lie behind a particle, as for froxel_ref.billboard_shadows
 PAIRS = 1 << 20  # of a ray and a particle that are tried at a time
 TOGETHER = 1 << 16  # pairs of an interval and a shadow that are looked at at a time
-TEXELS = 2.0     # of a particle's texture that a piece of its shadow crosses, so that a rule's nodes see each
+LINES = 32.0     # through a texture's texels, that a shadow is cut at where the ray's ways cross no more of them
+TEXELS = 2.0     # else of the texture that a piece of the shadow crosses, so that a rule's nodes see each
 
 
 class Shadows(NamedTuple):
@@ -247,8 +248,20 @@ def particle_cuts(shadows: Shadows) -> Array:
     Returns
     -------
     ndarray, shape (n, M)
-        NaN where a ray has no more: every end of a shadow, and between them, of a particle with a texture, pieces of
-        two texels.
+        NaN where a ray has no more: every end of a shadow, and between them, of a particle with a texture, the lines
+        through its texels at which it has kinks; or pieces of two texels, where these would be many.
+
+    Examples
+    --------
+    >>> from froxel_ref.assets import load_assets
+    >>> from froxel_ref.billboards import placed_particles
+    >>> from froxel_ref.scene import Particle, Scene
+    >>> pair = tuple(Particle(position=(0, 2, z), size=2, profile="disc") for z in (-3, -4))
+    >>> sun = DirectionalLight(direction=(0, 1, 0), irradiance=(1, 1, 1))
+    >>> ray = Lines(np.zeros((3, 1)), np.array([[0.0], [0.0], [-1.0]]), np.zeros(1), np.array([9.0]))
+    >>> ready = placed_particles(Scene(particles=pair), load_assets(Scene(), None))
+    >>> particle_cuts(particle_shadows(ready, sun, ray)).round(12).tolist()
+    [[2.0, 3.0, 4.0, 5.0]]
     """
     count = np.diff(shadows.first)
     ray = np.repeat(np.arange(len(count)), count)
@@ -263,28 +276,43 @@ def particle_cuts(shadows: Shadows) -> Array:
 
 
 def _texture_cuts(shadows: Shadows, ray: Integers) -> Iterator[tuple[Integers, Array]]:
-    """Even steps over a texture along the axis on which a ray's ways cross more of it."""
+    """Where a ray's ways cross the lines through a texture's texels; of too many of them, even steps over it."""
     profile = shadows.particles.profile[shadows.particle]
     for i, texture in enumerate(shadows.particles.textures):
         some = np.flatnonzero(profile == len(PROFILES) + i)
         if not some.size:
             continue
-        ends = np.stack([shadows.enter[some], shadows.leave[some]])
-        w = shadows.w[0, some] + shadows.w[1, some] * ends
-        crossed = []
-        for axis, texels in ((shadows.x, texture.shape[1]), (shadows.y, texture.shape[0])):
-            u = (axis[0, some] + axis[1, some] * ends) / w
-            crossed.append(np.stack([u[0], u[1], 0.5 * texels * np.abs(u[1] - u[0])]))
-        wide = crossed[0][2] >= crossed[1][2]
-        first, last, swept = np.where(wide, *crossed)
-        axis = np.where(wide, shadows.x[:, some], shadows.y[:, some])
-        pieces = np.maximum(np.ceil(swept / TEXELS).astype(np.intp), 1)
-        which = np.repeat(np.arange(some.size), pieces - 1)
-        number = np.arange(which.size) - np.searchsorted(which, which) + 1
-        u = first[which] + (last - first)[which] * (number / pieces[which])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            t = (u * shadows.w[0, some[which]] - axis[0, which]) / (axis[1, which] - u * shadows.w[1, some[which]])
-        yield ray[some[which]], np.where(np.isfinite(t), t, np.nan)
+        sweeps = [_sweep(shadows, axis, some, texels) for axis, texels in (
+            (shadows.x, texture.shape[1]), (shadows.y, texture.shape[0]))]
+        swept = [np.abs(last - first) for first, last in sweeps]
+        few = swept[0] + swept[1] <= LINES
+        for axis, texels, (first, last), wider in ((shadows.x, texture.shape[1], sweeps[0], swept[0] >= swept[1]),
+                                                   (shadows.y, texture.shape[0], sweeps[1], swept[0] < swept[1])):
+            low, high = np.minimum(first, last), np.maximum(first, last)
+            # Lines through texels' centres lie at whole numbers and a half.
+            lines = np.maximum(np.floor(high - 0.5) - np.ceil(low - 0.5) + 1.0, 0.0)
+            steps = np.maximum(np.ceil((high - low) / TEXELS) - 1.0, 0.0)
+            count = np.where(few, lines, np.where(wider, steps, 0.0)).astype(np.intp)
+            which = np.repeat(np.arange(some.size), count)
+            number = np.arange(which.size) - np.searchsorted(which, which)
+            even = low[which] + (high - low)[which] * ((number + 1) / (count[which] + 1))
+            place = np.where(few[which], np.ceil(low[which] - 0.5) + 0.5 + number, even)
+            yield ray[some[which]], _crossing(shadows, axis, some[which], place * (2.0 / texels) - 1.0)
+
+
+def _sweep(shadows: Shadows, axis: Array, some: Integers, texels: int) -> tuple[Array, Array]:
+    """Where on a texture, in texels along an axis, shadows are entered and left."""
+    ends = np.stack([shadows.enter[some], shadows.leave[some]])
+    u = (axis[0, some] + axis[1, some] * ends) / (shadows.w[0, some] + shadows.w[1, some] * ends)
+    first, last = np.clip((u + 1.0) * (0.5 * texels), 0.0, texels)
+    return first, last
+
+
+def _crossing(shadows: Shadows, axis: Array, some: Integers, u: Array) -> Array:
+    """Where rays' ways cross places along an axis, in half edges; NaN where never."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = (u * shadows.w[0, some] - axis[0, some]) / (axis[1, some] - u * shadows.w[1, some])
+    return np.where(np.isfinite(t), t, np.nan)
 
 
 # --- what passes ------------------------------------------------------------------------------------

@@ -235,6 +235,18 @@ def fragments(particles: Particles, camera: Camera, rays: Rays, depth_image: Fie
     ------
     Fragments
         No particle in two of them.
+
+    Examples
+    --------
+    >>> from froxel_ref.assets import load_assets
+    >>> from froxel_ref.billboards import placed_particles
+    >>> from froxel_ref.geometry import camera_rays
+    >>> from froxel_ref.scene import Particle, Scene
+    >>> scene = Scene(particles=tuple(Particle(position=(0, 1.7, z)) for z in (-1, -3)))
+    >>> ready, rays = placed_particles(scene, load_assets(scene, None)), camera_rays(scene.camera, 1, 1)
+    >>> some = next(fragments(ready, scene.camera, rays, np.full((1, 1), np.inf)))
+    >>> some.particle.tolist(), some.depth.tolist(), fragment_points(rays, some)[2].tolist()
+    ([1, 0], [3.0, 1.0], [-3.0, -1.0])
     """
     squares, order = facing(particles, rays.origin, size=size), draw_order(particles, camera)
     before = _view_depth(particles, camera) + reaches(particles, size=size) > 0.0

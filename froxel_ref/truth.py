@@ -232,8 +232,7 @@ def trace_layers(physics: Physics, lines: Lines, layers: Layers | None, *, rtol:
 
 def _fogged(bundle: Bundle, distance: Array) -> Array:
     """The media's transmittance up to layers, (C, n, K)."""
-    lines = bundle.lines
-    return through(bundle, np.clip(distance, lines.start[:, np.newaxis], lines.stop[:, np.newaxis]))
+    return through(bundle, np.minimum(distance, bundle.lines.stop[:, np.newaxis]))
 
 
 def _trace_block(physics: Physics, lines: Lines, veil: Veil | None, result: Truth, rows: slice, rtol: float,
@@ -252,7 +251,24 @@ def _trace_block(physics: Physics, lines: Lines, veil: Veil | None, result: Trut
 
 def make_truth_physics(scene: Scene, settings: Settings, assets: Assets | None, shadows: str,
                        volumetric: bool, sun_distance: float) -> Physics:
-    """What light and media do, made ready once for all rays; arguments as for `trace`."""
+    """What light, media and particles do, made ready once for all rays.
+
+    Parameters
+    ----------
+    scene, settings, assets, shadows, sun_distance
+        As for `trace`.
+    volumetric : bool
+        Its volumetric_shadows.
+
+    Returns
+    -------
+    Physics
+
+    Examples
+    --------
+    >>> make_truth_physics(Scene(), Settings(), None, "off", True, np.inf).particles is None
+    True
+    """
     from froxel_ref.assets import load_assets
 
     assets = load_assets(scene, None) if assets is None else assets

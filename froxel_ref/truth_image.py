@@ -44,6 +44,11 @@ FILTER_NODES = 0.5 + 0.5 * np.concatenate([-_X, [0.0], _X[::-1]])
 FILTER_KRONROD = 0.5 * np.concatenate([_W, [0.450916538658474142345110087045571], _W[::-1]])
 FILTER_GAUSS = np.array([0.0, 5.0, 0.0, 8.0, 0.0, 5.0, 0.0]) / 18.0
 
+# What stands for particles and transparent surfaces where a scene has none.
+NO_LIGHT, ALL_PASSES = np.zeros((3, 1, 1)), np.ones((1, 1))
+for _nothing in (NO_LIGHT, ALL_PASSES):
+    _nothing.setflags(write=False)
+
 
 class TruthImage(NamedTuple):
     """A converged image.
@@ -78,8 +83,8 @@ class TruthImage(NamedTuple):
     converged: NDArray[np.bool_]
     evaluations: NDArray[np.intp]
     filter_error: Array
-    layer_radiance: Array = np.zeros((3, 1, 1))
-    layer_transmittance: Array = np.ones((1, 1))
+    layer_radiance: Array = NO_LIGHT
+    layer_transmittance: Array = ALL_PASSES
 
 
 def check_filter(scene: Scene, pixel_filter: str) -> None:

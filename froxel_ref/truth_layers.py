@@ -160,7 +160,22 @@ def _particles(scene: Scene, settings: Settings, assets: Assets, rays: Rays, dep
 
 
 def by_channel(planes: Sequence[Field]) -> Field:
-    """Light of three channels, each by what hides it there: of one (3, …) for all, or of one for each."""
+    """Light of three channels, each by what hides it there.
+
+    Parameters
+    ----------
+    planes : sequence of Field, shape (3, …)
+        One for all channels, or one for each.
+
+    Returns
+    -------
+    Field, shape (3, …)
+
+    Examples
+    --------
+    >>> by_channel([np.arange(3.0), 10.0 + np.arange(3.0), 20.0 + np.arange(3.0)]).tolist()
+    [0.0, 11.0, 22.0]
+    """
     return planes[0] if len(planes) == 1 else np.stack([plane[c] for c, plane in enumerate(planes)])
 
 
@@ -177,6 +192,12 @@ def padded(layers: Layers, rows: slice) -> tuple[Array, Array, Array]:
     distance, opacity : ndarray, shape (n, K) [m], [1]
         ∞ and 0 where a ray has no more.
     radiance : ndarray, shape (3, n, K) [W m⁻² sr⁻¹]
+
+    Examples
+    --------
+    >>> layers = Layers(np.array([0, 2, 3]), np.array([1.0, 2.0, 5.0]), np.full(3, 0.5), np.zeros((3, 3)))
+    >>> padded(layers, slice(0, 2))[0].tolist()
+    [[1.0, 2.0], [5.0, inf]]
     """
     first = layers.first[rows.start:rows.stop + 1]
     count = np.diff(first)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import reference_particles as reference
@@ -124,16 +126,49 @@ def test_far_from_the_origin_nothing_is_lost() -> None:
         np.testing.assert_allclose(other.enter[other.leave - other.enter > 1e-3], one.enter[wide], atol=1e-6)
 
 
-def test_cuts_are_the_ends_and_pieces_of_textures() -> None:
-    """A sun from above over a texture of 8 columns: the ray crosses it in 2 m, and is cut at each half metre."""
+def test_cuts_are_the_ends_and_the_lines_of_textures() -> None:
+    """A sun from above: the ray crosses 2 m of a texture. The columns' lines at first; of 80 columns, each second."""
     sun = LIGHTS["high sun"]
     board = Particle(position=(0, 3, -5), size=2.0, texture="a")
-    assets = load_assets(Scene(), None)._replace(opacities={"a": np.ones((1, 8))})
-    particles = placed_particles(Scene(particles=(board,)), assets)
     along_x = Lines(np.array([[-4.0], [0.0], [-5.0]]), np.array([[1.0], [0.0], [0.0]]), np.zeros(1), np.full(1, 9.0))
-    cuts = particle_cuts(particle_shadows(particles, sun, along_x))
-    np.testing.assert_allclose(np.sort(cuts), [[3.0, 3.5, 4.0, 4.5, 5.0]], rtol=1e-12)
-    assert particle_cuts(particle_shadows(particles, sun, along_x._replace(stop=np.full(1, 2.0)))).shape == (1, 0)
+    for columns, inner in ((2, [3.5, 4.5]), (4, [3.25, 3.75, 4.25, 4.75]), (80, 3.0 + 2.0 * np.arange(1, 40) / 40)):
+        assets = load_assets(Scene(), None)._replace(opacities={"a": np.ones((1, columns))})
+        particles = placed_particles(Scene(particles=(board,)), assets)
+        cuts = particle_cuts(particle_shadows(particles, sun, along_x))
+        np.testing.assert_allclose(np.sort(cuts[np.isfinite(cuts)]), [3.0, *inner, 5.0], rtol=1e-12)
+        assert particle_cuts(particle_shadows(particles, sun, along_x._replace(stop=np.full(1, 2.0)))).shape == (1, 0)
+
+
+@pytest.mark.parametrize("name", LIGHTS)
+def test_between_cuts_a_texture_is_smooth(name: str) -> None:
+    """There a polynomial of degree 10 through a piece of optical transmittance is right to some 1e-6."""
+    board = ready(tuple(Particle(position=(x, 1, -2), size=3.0, rotation=33.0, texture="a") for x in (-1, 1)))
+    lines = rays(9, 60)
+    found = particle_shadows(board, LIGHTS[name], lines)
+    cuts, worst = particle_cuts(found), 0.0
+    for row in np.flatnonzero(np.diff(found.first)):
+        ends = np.unique(cuts[row, np.isfinite(cuts[row])])
+        for low, high in pairwise(ends.tolist()):
+            x = np.polynomial.chebyshev.chebpts1(24)
+            t = 0.5 * (low + high) + 0.5 * (high - low) * x
+            y = passing(found, np.array([row]), t[None])[0]
+            fit = np.polynomial.Chebyshev.fit(x, y, 10)
+            worst = max(worst, np.abs(fit(x) - y).max())
+    assert worst < 1e-5
+
+
+def test_work_in_parts_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    particles, lines = ready(strewn(8, 40)), rays(8, 50)
+    found = particle_shadows(particles, LIGHTS["lamp"], lines)
+    rows = np.repeat(np.arange(50), 3)
+    t = np.random.default_rng(8).uniform(0, 8, (150, 5))
+    want = passing(found, rows, t)
+    for name, value in (("TOGETHER", 1), ("PAIRS", 7)):
+        monkeypatch.setattr(f"froxel_ref.particle_shadows.{name}", value)
+    again = particle_shadows(particles, LIGHTS["lamp"], lines)
+    np.testing.assert_array_equal(again.particle, found.particle)
+    np.testing.assert_array_equal(passing(again, rows, t), want)
+    assert (want < 1.0).any()
 
 
 def test_a_lamp_in_a_particle_and_one_out_of_reach() -> None:

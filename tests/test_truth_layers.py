@@ -209,6 +209,25 @@ def test_who_casts_and_who_is_dimmed() -> None:
         np.testing.assert_allclose(free[0].radiance, free[1].radiance, rtol=1e-13)
 
 
+def test_sizes_are_the_settings() -> None:
+    """A9: half edges instead of edges, in the fog's shadows, on surfaces and in the image."""
+    scene = Scene(camera=CAMERA, lights=(LAMP,), global_media=(FOG,), surfaces=(Plane(point=(0, -1, 0)),),
+                  particles=(ParticleCloud(count=9, low=(-2, 0, -7), high=(2, 1, -4)),))
+    twice = dataclasses.replace(scene, particles=tuple(dataclasses.replace(p, size=2 * p.size)
+                                                       for p in scene.all_particles))
+    half = render_truth(scene, replace(HOW, fom_particles="centre"), volumetric_shadows=True)
+    edge = render_truth(twice, HOW, volumetric_shadows=True)
+    np.testing.assert_array_equal(half.radiance, edge.radiance)
+    assert not np.array_equal(half.radiance, render_truth(scene, HOW, volumetric_shadows=True).radiance)
+
+
+def test_places_of_particles_round_as_others_do() -> None:
+    """Edges of shadows are found from the rays' origins: far away their rounding is part of the estimate."""
+    puffs = Scene(lights=(SUN,), particles=(Particle(position=(0, 2, -5)),), global_media=(FOG,))
+    assert make_truth_physics(puffs, HOW, None, "off", True, math.inf).anchored
+    assert not make_truth_physics(puffs, HOW, None, "off", False, math.inf).anchored
+
+
 def test_coloured_extinction_is_each_channels_own() -> None:
     scene = Scene(camera=CAMERA, lights=(LAMP,), global_media=(dataclasses.replace(FOG, extinction=(0.1, 0.2, 0.4)),),
                   particles=(ParticleCloud(count=6, low=(-2, -1, -7), high=(2, 1, -4)),),
