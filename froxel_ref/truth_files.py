@@ -10,6 +10,7 @@ import numpy as np
 
 from froxel_ref import __version__
 from froxel_ref.assets import checksums
+from froxel_ref.fom_plan import casting_particles
 from froxel_ref.frame import Frame
 from froxel_ref.golden import ABOUT, write_array
 from froxel_ref.image_files import write_png
@@ -52,7 +53,11 @@ class Options(NamedTuple):
     filter: str
 
     def __str__(self) -> str:
-        shadows = self.shadows + (", and by media" if self.volumetric_shadows else "")
+        return self.words("media")
+
+    def words(self, dimming: str) -> str:
+        """On one line; what dims light is the scene's."""
+        shadows = self.shadows + (f", and by {dimming}" if self.volumetric_shadows else "")
         rays = "one ray a pixel" if self.filter == "centre" else "box filter, 49 rays a pixel"
         return f"tolerance {self.rtol:g}, shadows {shadows}, {rays}"
 
@@ -104,7 +109,7 @@ def write_truth(folder: Path, image: TruthImage, frame: Frame, loaded: Loaded, o
     write_png(folder / "error.png", error_picture(image))
     grid = frame.settings.grid
     write_png(folder / CONTACT_SHEET, overview(
-        image, shown, view, title=loaded.scene.name or "unnamed scene", facts=str(options),
+        image, shown, view, title=loaded.scene.name or "unnamed scene", facts=options.words("media and particles" if casting_particles(loaded.scene) else "media"),
         frame_facts=f"{grid.width} x {grid.height} x {grid.depth} froxels, {frame.settings.precision}, "
                     f"{frame.settings.fidelity}, shadows {_shadows(frame, options)}"))
     found = difference(shown, image.radiance)
