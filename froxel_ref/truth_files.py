@@ -108,8 +108,9 @@ def write_truth(folder: Path, image: TruthImage, frame: Frame, loaded: Loaded, o
     write_png(folder / "radiance.png", final_image(image.radiance, view))
     write_png(folder / "error.png", error_picture(image))
     grid = frame.settings.grid
+    dimming = "media and particles" if casting_particles(loaded.scene) else "media"
     write_png(folder / CONTACT_SHEET, overview(
-        image, shown, view, title=loaded.scene.name or "unnamed scene", facts=options.words("media and particles" if casting_particles(loaded.scene) else "media"),
+        image, shown, view, title=loaded.scene.name or "unnamed scene", facts=options.words(dimming),
         frame_facts=f"{grid.width} x {grid.height} x {grid.depth} froxels, {frame.settings.precision}, "
                     f"{frame.settings.fidelity}, shadows {_shadows(frame, options)}"))
     found = difference(shown, image.radiance)
