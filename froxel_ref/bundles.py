@@ -13,16 +13,20 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from froxel_ref.billboards import Particles
 from froxel_ref.breaks import Lamp, from_angle, medium_cuts, relate, thickness_cuts, to_angle
 from froxel_ref.compensated import dot, double_double
 from froxel_ref.density import Placed, place
+from froxel_ref.fom_plan import particle_size
 from froxel_ref.lights import colour
 from froxel_ref.media import Textures, contributing
 from froxel_ref.media_shadows import shadow_cuts
 from froxel_ref.optical_depth import Lines, MediumPath, extinctions, medium_path, optical_depth, support
+from froxel_ref.particle_shadows import Shadows, particle_cuts, particle_shadows
 from froxel_ref.quadrature import Pool
 from froxel_ref.scene import DirectionalLight, Light, LocalMedium, Medium, Scene
 from froxel_ref.settings import Settings
+from froxel_ref.veils import Veil
 from froxel_ref.visibility import Occluder, dark_spans
 
 __all__ = ["Bundle", "Physics", "make_bundle", "make_physics", "parameter", "sampling", "through",
@@ -51,9 +55,11 @@ class Physics(NamedTuple):
     occluders : tuple of Occluder
         What casts shadows; empty for shadows "off".
     volumetric : bool
-        Whether media dim the light on its way to the ray.
+        Whether media and particles dim the light on its way to the ray.
     sun_distance : float [m]
-        How far towards a directional light they do.
+        How far towards a directional light media do.
+    particles : Particles or None
+        Those that dim light; None where there are none.
     """
 
     scene: Scene
@@ -66,9 +72,10 @@ class Physics(NamedTuple):
     occluders: tuple[Occluder, ...]
     volumetric: bool
     sun_distance: float
+    particles: Particles | None = None
 
     def dims(self, number: int) -> bool:
-        """Whether media dim a light on its way: with volumetric shadows, a light that casts shadows."""
+        """Whether media and particles dim a light on its way: with volumetric shadows, one that casts shadows."""
         return self.volumetric and self.lights[number].casts_shadows
 
     @property
@@ -79,7 +86,7 @@ class Physics(NamedTuple):
     @property
     def anchored(self) -> bool:
         """Whether anything but lamps has a place in the world, whose rounding shows along rays."""
-        return bool(self.occluders) or any(
+        return bool(self.occluders) or self.particles is not None or any(
             isinstance(m, LocalMedium) or m.height_fog is not None or m.density is not None for m in self.every_medium)
 
 
@@ -110,7 +117,11 @@ class Bundle(NamedTuple):
     dark : mapping of int to ndarray, shape (n, M, 2) [m]
         Where surfaces hide a light; empty for shadows "off".
     shaded : mapping of int to ndarray, shape (n, M) [m]
-        Where the shadows of media break, for lights that shine; empty unless media dim them.
+        Where the shadows of media and particles break, for lights that shine; empty unless these dim them.
+    cast : mapping of int to Shadows
+        The shadows of particles, likewise; empty without particles.
+    veil : Veil or None
+        What layers in front of points leave of their light; None without layers.
     """
 
     physics: Physics
@@ -121,19 +132,21 @@ class Bundle(NamedTuple):
     suns: Mapping[int, Turn]
     dark: Mapping[int, Array]
     shaded: Mapping[int, Array]
+    cast: Mapping[int, Shadows]
+    veil: Veil | None
 
 
 def make_physics(scene: Scene, settings: Settings, textures: Textures, occluders: tuple[Occluder, ...], *,
-                 volumetric: bool, sun_distance: float) -> Physics:
+                 volumetric: bool, sun_distance: float, particles: Particles | None = None) -> Physics:
     """Gather what does not depend on the rays; see `Physics`."""
     media = (*scene.global_media, *scene.local_media)
     placed = tuple(place(m, None if m.density is None else textures[m.density.source]) for m in media)
     used = set(map(id, contributing(media)))
     return Physics(scene, settings, textures, placed, tuple(id(m) in used for m in media), extinctions(media),
-                   scene.all_lights, occluders, volumetric, sun_distance)
+                   scene.all_lights, occluders, volumetric, sun_distance, particles)
 
 
-def make_bundle(physics: Physics, lines: Lines) -> Bundle:
+def make_bundle(physics: Physics, lines: Lines, veil: Veil | None = None) -> Bundle:
     """Lay rays through the scene.
 
     Parameters
@@ -141,6 +154,8 @@ def make_bundle(physics: Physics, lines: Lines) -> Bundle:
     physics : Physics
     lines : Lines
         With directions of length 1 and finite stops.
+    veil : Veil, optional
+        Layers along them.
 
     Returns
     -------
@@ -159,7 +174,12 @@ def make_bundle(physics: Physics, lines: Lines) -> Bundle:
     shaded = {i: shadow_cuts(physics.media, physics.extinction, light, lines, lamp=lamps.get(i),
                              sun_distance=physics.sun_distance, time=settings.time)
               for i, light in enumerate(physics.lights) if physics.dims(i) and colour(light).any()}
-    return Bundle(physics, lines, paths, np.concatenate(cuts, axis=1), lamps, suns, dark, shaded)
+    cast = {} if physics.particles is None else {
+        i: particle_shadows(physics.particles, physics.lights[i], lines, size=particle_size(settings)) for i in shaded}
+    shaded |= {i: np.concatenate([shaded[i], particle_cuts(each)], axis=1) for i, each in cast.items()}
+    if veil is not None:
+        cuts.append(np.where(np.isfinite(veil.distance), veil.distance, np.nan))
+    return Bundle(physics, lines, paths, np.concatenate(cuts, axis=1), lamps, suns, dark, shaded, cast, veil)
 
 
 def _turn(light: DirectionalLight, lines: Lines) -> Turn:

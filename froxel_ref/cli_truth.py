@@ -21,7 +21,8 @@ __all__ = ["EXAMPLES", "add_options", "run_truth"]
 
 EXAMPLES = """\
 Writes a folder with .npy arrays in GPU order (height, width, channel): radiance, error (the estimated
-absolute error of each value), fog_radiance, fog_transmittance, converged, evaluations; manifest.json; and
+absolute error of each value), fog_radiance, fog_transmittance, converged, evaluations, of scenes with particles or
+transparent surfaces layer_radiance and layer_transmittance; manifest.json; and
 pictures: radiance.png, error.png, and contact_sheet.png with the frame of the same scene beside it, whose path
 is the last line printed. Rays that did not reach the tolerance are counted, and are false in converged.npy.
 The truth is always float64 and has no froxels: --grid's sizes and --precision are those of the frame.
@@ -30,6 +31,7 @@ examples:
   froxel-ref truth two-volumes
   froxel-ref truth thesis-hall --size 160x90 --shadows off --rtol 1e-3 -o hall
   froxel-ref truth lights --size 64x36 --volumetric-shadows --filter box
+  froxel-ref truth particles-in-fog --size 160x90
 """
 
 
@@ -40,8 +42,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--shadows", metavar="KIND",
                         help="exact, or off (default: exact, unless the scene's settings have them off)")
     parser.add_argument("--volumetric-shadows", action=argparse.BooleanOptionalAction,
-                        help="let media dim light on its way to the fog and the surfaces (default: as the scene's "
-                             "settings have it)")
+                        help="let media and particles dim light on its way to what it shines on (default: as the "
+                             "scene's settings have it)")
     parser.add_argument("--filter", metavar="KIND", default="centre",
                         help="centre of each pixel (default), or box: 49 rays a pixel")
 

@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 from froxel_ref.arrays import Points
 from froxel_ref.breaks import Lamp, from_angle, jacobian
 from froxel_ref.buffers import VBuffer
-from froxel_ref.bundles import Bundle, Physics, through
+from froxel_ref.bundles import Bundle, Physics, parameter, through
 from froxel_ref.light_paths import light_transmittance
 from froxel_ref.lighting import CONSTANT_AMBIENT
 from froxel_ref.lights import colour, cone_attenuation, distance_attenuation
 from froxel_ref.media import media_at
 from froxel_ref.optical_depth import line_points
+from froxel_ref.particle_shadows import passing as particles_pass
 from froxel_ref.phase import phase
 from froxel_ref.quadrature import Pool
 from froxel_ref.scene import DirectionalLight, Light, SpotLight
+from froxel_ref.veils import veiled
 
 __all__ = ["Samples", "radiance", "samples"]
 
@@ -46,7 +48,7 @@ class Samples(NamedTuple):
     stretch : ndarray
         Metres per unit of the intervals' own variable.
     passing : ndarray, shape (C, n, m)
-        What media let through on both ways.
+        What media, and particles and transparent surfaces, let through on both ways.
     """
 
     source: int
@@ -88,6 +90,11 @@ def samples(bundle: Bundle, source: int, part: Pool, x: Array) -> Samples:
         passing = passing * light_transmittance(
             physics.media, physics.extinction, physics.lights[source - 1], points,
             settings=physics.settings, sun_distance=physics.sun_distance)
+    if source - 1 in bundle.cast:
+        passing = passing * particles_pass(bundle.cast[source - 1], rows, t)
+    if bundle.veil is not None:
+        middle = parameter(bundle, part, 0.5 * (part.low + part.high))
+        passing = passing * veiled(bundle.veil, rows, middle)[:, np.newaxis]
     return Samples(source, rows, t, points, s, stretch, passing)
 
 

@@ -19,7 +19,10 @@ from froxel_ref.phase import henyey_greenstein, versine
 from froxel_ref.records import InputError, shown
 from froxel_ref.scene import Camera, Light, PointLight, Rgb
 
-__all__ = ["LIT_AT", "LightOn", "ParticleLayer", "draw_order", "particle_layers", "render_particles", "scattered_light"]
+__all__ = [
+    "LIT_AT", "Fragments", "LightOn", "ParticleLayer", "draw_order", "fragment_points", "fragments", "particle_layers",
+    "render_particles", "scattered_light",
+]
 
 Integers: TypeAlias = NDArray[np.intp]
 
@@ -51,7 +54,7 @@ class ParticleLayer(NamedTuple):
     transmittance: Field
 
 
-class _Fragments(NamedTuple):
+class Fragments(NamedTuple):
     """Points of particles that pixels show, each (m,), particle by particle from back to front."""
 
     particle: Integers
@@ -200,16 +203,13 @@ def particle_layers(particles: Particles, camera: Camera, rays: Rays, depth_imag
         raise InputError("lit_at", f"is {shown(lit_at)}, must be one of {', '.join(LIT_AT)}")
     dtype, shape = rays.length.dtype, rays.length.shape
     pixels, count = shape[0] * shape[1], len(panes) + 1
-    squares, order = facing(particles, rays.origin, size=size), draw_order(particles, camera)
-    before = _view_depth(particles, camera) + reaches(particles, size=size) > 0.0
-    visible = order[(before & (squares.distance > 0.0) & (particles.opacity > 0.0))[order]]
     radiance, through = np.zeros((3, count * pixels), dtype), np.ones(count * pixels, dtype)
     central, drawn = None, False
-    if lit_at == "centre" and len(visible):
+    if lit_at == "centre" and len(particles.size):
         x, y, z = particles.position.astype(dtype)
         central = light_on((x, y, z), np.arange(len(x)))
-    for some in _batches(particles, squares, visible, rays, depth_image):
-        light = light_on(_points(rays, some), some.particle) if central is None else central[:, some.particle]
+    for some in fragments(particles, camera, rays, depth_image, size=size):
+        light = light_on(fragment_points(rays, some), some.particle) if central is None else central[:, some.particle]
         glow, passed = fog_at(some.row, some.column, some.depth)
         place = some.row * shape[1] + some.column
         for pane in panes:
@@ -222,12 +222,38 @@ def particle_layers(particles: Particles, camera: Camera, rays: Rays, depth_imag
             for i in range(count)]
 
 
-def _batches(particles: Particles, squares: Facing, order: Integers, rays: Rays, depth_image: Field
-             ) -> Iterator[_Fragments]:
-    """The fragments of particles in order, of several particles at a time."""
-    waiting: list[_Fragments] = []
+def fragments(particles: Particles, camera: Camera, rays: Rays, depth_image: Field, *, size: str = "edge"
+              ) -> Iterator[Fragments]:
+    """The points of particles that pixels show, from back to front, of several particles at a time.
+
+    Parameters
+    ----------
+    particles, camera, rays, depth_image, size
+        As for `render_particles`.
+
+    Yields
+    ------
+    Fragments
+        No particle in two of them.
+
+    Examples
+    --------
+    >>> from froxel_ref.assets import load_assets
+    >>> from froxel_ref.billboards import placed_particles
+    >>> from froxel_ref.geometry import camera_rays
+    >>> from froxel_ref.scene import Particle, Scene
+    >>> scene = Scene(particles=tuple(Particle(position=(0, 1.7, z)) for z in (-1, -3)))
+    >>> ready, rays = placed_particles(scene, load_assets(scene, None)), camera_rays(scene.camera, 1, 1)
+    >>> some = next(fragments(ready, scene.camera, rays, np.full((1, 1), np.inf)))
+    >>> some.particle.tolist(), some.depth.tolist(), fragment_points(rays, some)[2].tolist()
+    ([1, 0], [3.0, 1.0], [-3.0, -1.0])
+    """
+    squares, order = facing(particles, rays.origin, size=size), draw_order(particles, camera)
+    before = _view_depth(particles, camera) + reaches(particles, size=size) > 0.0
+    visible = order[(before & (squares.distance > 0.0) & (particles.opacity > 0.0))[order]]
+    waiting: list[Fragments] = []
     count = 0
-    for i in order.tolist():
+    for i in visible.tolist():
         found = _fragments(particles, squares, i, rays, depth_image)
         if len(found.row):
             waiting.append(found)
@@ -239,13 +265,13 @@ def _batches(particles: Particles, squares: Facing, order: Integers, rays: Rays,
         yield _joined(waiting)
 
 
-def _joined(parts: list[_Fragments]) -> _Fragments:
+def _joined(parts: list[Fragments]) -> Fragments:
     particle, row, column = (np.concatenate([part[i] for part in parts]) for i in (0, 1, 2))
     depth, opacity = (np.concatenate([part[i] for part in parts]) for i in (3, 4))
-    return _Fragments(particle, row, column, depth, opacity)
+    return Fragments(particle, row, column, depth, opacity)
 
 
-def _fragments(particles: Particles, squares: Facing, i: int, rays: Rays, depth_image: Field) -> _Fragments:
+def _fragments(particles: Particles, squares: Facing, i: int, rays: Rays, depth_image: Field) -> Fragments:
     """One particle's, row by row."""
     dtype, half = rays.length.dtype, squares.half[i]
     across, below = squares.right[:, i] * half, squares.down[:, i] * half
@@ -266,7 +292,7 @@ def _fragments(particles: Particles, squares: Facing, i: int, rays: Rays, depth_
     opacity = opacity_at(particles, np.full(len(row), i), x[row, column], y[row, column])
     on = opacity > 0.0
     row, column = row[on], column[on]
-    return _Fragments(np.full(len(row), i), row + rows.start, column + columns.start, depth[row, column], opacity[on])
+    return Fragments(np.full(len(row), i), row + rows.start, column + columns.start, depth[row, column], opacity[on])
 
 
 def _along(ways: Points, axis: Field, dtype: np.dtype[np.floating]) -> Field:
@@ -274,14 +300,14 @@ def _along(ways: Points, axis: Field, dtype: np.dtype[np.floating]) -> Field:
     return dot(ways, (a, b, c))
 
 
-def _points(rays: Rays, some: _Fragments) -> Points:
-    """Where the fragments are."""
+def fragment_points(rays: Rays, some: Fragments) -> Points:
+    """Where fragments are [m], three arrays (m,); of the rays that they were found with."""
     x, y, z = (part[some.row if part.shape[0] > 1 else 0, some.column if part.shape[1] > 1 else 0]
                for part in rays.per_depth)
     return ray_points(Rays(rays.origin, (x, y, z), rays.length), some.depth)
 
 
-def _lay(radiance: Field, through: Field, some: _Fragments, place: Integers, added: Field) -> None:
+def _lay(radiance: Field, through: Field, some: Fragments, place: Integers, added: Field) -> None:
     """Lay particles over what is there; places of one particle differ, so each is laid in one go."""
     keep = 1.0 - some.opacity
     ends = np.flatnonzero(np.diff(some.particle, append=-1)) + 1

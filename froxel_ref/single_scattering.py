@@ -18,6 +18,7 @@ from froxel_ref.lights import colour, cone_attenuation
 from froxel_ref.quadrature import NODES, Estimate, Pool, kronrod
 from froxel_ref.scene import DirectionalLight, SpotLight
 from froxel_ref.unseen import EPS, GAP, hidden_faces, missed_density, thin_layers
+from froxel_ref.veils import veiled
 
 __all__ = ["Physics", "evaluate", "first_pool"]
 
@@ -64,12 +65,14 @@ def _glows(physics: Physics) -> bool:
 
 
 def _in_media(bundle: Bundle, rows: Integers, t: Array) -> Mask:
-    """Whether points lie in a medium that dims or glows."""
+    """Whether points lie in a medium that dims or glows, and anything of it is seen through the layers."""
     result: Mask = np.zeros(t.shape, bool)
     for path, active in zip(bundle.paths, bundle.physics.active, strict=True):
         if active:
             within = (t > path.enter[rows]) & (t < path.leave[rows])
             result = np.asarray(np.logical_or(result, within))
+    if bundle.veil is not None:
+        result = np.asarray(result & (veiled(bundle.veil, rows, t) > 0.0))
     return result
 
 

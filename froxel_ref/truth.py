@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from froxel_ref import blocks
-from froxel_ref.bundles import Physics, make_bundle, make_physics
+from froxel_ref.billboards import placed_particles
+from froxel_ref.bundles import Bundle, Physics, make_bundle, make_physics, through
+from froxel_ref.fom_particles import casting as casting_particles
 from froxel_ref.optical_depth import Lines, optical_depth
 from froxel_ref.quadrature import integrate_pool
 from froxel_ref.records import InputError
@@ -30,13 +32,17 @@ from froxel_ref.truth_input import (
     distances,
     make_lines,
 )
+from froxel_ref.truth_layers import Layers, padded
 from froxel_ref.unseen import split_at_cells
+from froxel_ref.veils import Veil, before, make_veil
 from froxel_ref.visibility import occluders
 
 if TYPE_CHECKING:
     from froxel_ref.assets import Assets
 
-__all__ = ["SHADOWS", "TIGHTEST", "Truth", "check_options", "trace", "trace_depths"]
+__all__ = [
+    "SHADOWS", "TIGHTEST", "Truth", "check_options", "make_truth_physics", "trace", "trace_depths", "trace_layers",
+]
 
 Array: TypeAlias = NDArray[np.floating[Any]]
 Progress: TypeAlias = Callable[[int, int], None]
@@ -79,7 +85,8 @@ def trace(scene: Scene, origins: ArrayLike, directions: ArrayLike, ends: ArrayLi
     Parameters
     ----------
     scene : Scene
-        Its media, lights and ambient light; its surfaces only cast shadows.
+        Its media, lights and ambient light. Its surfaces and particles only cast shadows: what a ray crosses of them
+        it does not see; transparent surfaces do nothing.
     origins, directions : array_like, shape (3, N) or (3, 1)
         Where rays begin [m], within 1e10 m, and which way they look; scaled to length 1. One column a ray, rows
         x, y and z: a list of three rays, (3, 3), must be transposed, which no check can tell.
@@ -97,9 +104,9 @@ def trace(scene: Scene, origins: ArrayLike, directions: ArrayLike, ends: ArrayLi
     shadows : {"off", "exact"}
         Whether opaque surfaces block lights. Ambient light is not blocked.
     volumetric_shadows : bool
-        Whether media dim the light of what casts shadows on its way to the ray.
+        Whether media and particles dim the light of what casts shadows on its way to the ray.
     sun_distance : float [m]
-        How far towards directional lights they do; see `froxel_ref.light_paths.light_transmittance`.
+        How far towards directional lights media do; see `froxel_ref.light_paths.light_transmittance`.
     limit_rounds, limit_intervals : int
         When to give up on a ray; it is then not ``converged``.
     threads : int, optional
@@ -125,7 +132,8 @@ def trace(scene: Scene, origins: ArrayLike, directions: ArrayLike, ends: ArrayLi
 
     The estimate is Σ|K₁₅ − G₇| over the intervals, so as a rule far above the real error. To it comes what the
     nodes cannot have seen: columns of textures that the rule gets wrong, light at the ends of intervals, the
-    rounding of places.
+    rounding of places. Rays are cut where a light's shadows of particles begin and end
+    (`froxel_ref.particle_shadows`).
 
     Examples
     --------
@@ -145,15 +153,71 @@ def trace(scene: Scene, origins: ArrayLike, directions: ArrayLike, ends: ArrayLi
     check_limits(volumetric_shadows, limit_rounds, limit_intervals, threads)
     lines = make_lines(origins, directions, starts, ends)
     physics = make_truth_physics(scene, settings, assets, shadows, volumetric_shadows, sun_distance)
+    return trace_layers(physics, lines, None, rtol=rtol, limit_rounds=limit_rounds, limit_intervals=limit_intervals,
+                        threads=threads, progress=progress)[0]
+
+
+def trace_layers(physics: Physics, lines: Lines, layers: Layers | None, *, rtol: float, limit_rounds: int = 60,
+                 limit_intervals: int = 4000, threads: int | None = None, progress: Progress | None = None
+                 ) -> tuple[Truth, Array, Array]:
+    """Integrate single scattering along rays, behind and between what they cross.
+
+    Parameters
+    ----------
+    physics : Physics
+        From `make_truth_physics`.
+    lines : Lines
+        The rays, n of them, from `froxel_ref.truth_input.make_lines`.
+    layers : Layers, optional
+        What they cross; what lies before a ray's start has no fog in front of it, what lies behind its end all of it.
+    rtol, limit_rounds, limit_intervals, threads, progress
+        As for `trace`; the tolerance is a share of the light that arrives through the layers.
+
+    Returns
+    -------
+    truth : Truth
+        Its radiance is dimmed by the layers in front, its transmittance that of the media alone.
+    radiance : ndarray, shape (3, n), or (3, 1) without layers [W m⁻² sr⁻¹]
+        The layers' own light as it arrives.
+    transmittance : ndarray, shape (n,), or (1,) without layers [1]
+        What all layers let through.
+
+    Notes
+    -----
+    Σ_j P_j·α_j·L_j·T(d_j), P_j what the layers in front let through, L_j the layer's light, T the media's
+    transmittance [Dörries 2020, §4.3]; see `froxel_ref.veils` for the media's light.
+
+    Examples
+    --------
+    >>> from froxel_ref.scene import Medium
+    >>> from froxel_ref.truth_input import make_lines
+    >>> scene = Scene(global_media=(Medium(extinction=1.0, emissive=(1, 1, 1)),))
+    >>> pane = Layers(np.array([0, 1]), np.ones(1), np.full(1, 0.5), np.zeros((3, 1)))
+    >>> truth, own, through = trace_layers(
+    ...     make_truth_physics(scene, Settings(), None, "off", False, np.inf),
+    ...     make_lines([[0.0]] * 3, [[0.0], [0.0], [-1.0]], 0.0, 2.0), pane, rtol=1e-6)
+    >>> print((truth.radiance[0] + 0.5 * np.exp(-2.0) + 0.5 * np.exp(-1.0)).round(12), through)
+    [1.] [0.5]
+    """
+    scene, settings = physics.scene, physics.settings
     count = lines.stop.size
     wide = physics.extinction.shape[1]
     result = Truth(np.zeros((3, count)), np.ones((wide, count)), np.zeros((3, count)), np.ones(count, bool),
                    np.zeros(count, np.intp))
+    own = np.zeros((3, 1 if layers is None else count)), np.ones(1 if layers is None else count)
     done: list[int] = []
 
     def work(rows: slice) -> None:
         part = Lines._make(field[..., rows] for field in lines)
-        _trace_block(physics, part, result, rows, rtol, limit_rounds, limit_intervals)
+        if layers is None:
+            _trace_block(physics, part, None, result, rows, rtol, limit_rounds, limit_intervals)
+        else:
+            distance, opacity, light = padded(layers, rows)
+            bundle = _trace_block(physics, part, make_veil(distance, opacity), result, rows, rtol, limit_rounds,
+                                  limit_intervals)
+            passed = before(opacity)
+            own[0][:, rows] = (passed[:, :-1] * opacity * light * _fogged(bundle, distance)).sum(axis=-1)
+            own[1][rows] = passed[:, -1]
         done.append(part.stop.size)
         if progress is not None:
             progress(sum(done), count)
@@ -162,12 +226,18 @@ def trace(scene: Scene, origins: ArrayLike, directions: ArrayLike, ends: ArrayLi
     if settings.exposure == "lighting":
         exposure = scene.camera.exposure
         result = result._replace(radiance=result.radiance * exposure, error=result.error * exposure)
-    return result if wide == 3 else result._replace(transmittance=result.transmittance[0])
+    truth = result if wide == 3 else result._replace(transmittance=result.transmittance[0])
+    return truth, *own
 
 
-def _trace_block(physics: Physics, lines: Lines, result: Truth, rows: slice, rtol: float, limit_rounds: int,
-                 limit_intervals: int) -> None:
-    bundle = make_bundle(physics, lines)
+def _fogged(bundle: Bundle, distance: Array) -> Array:
+    """The media's transmittance up to layers, (C, n, K)."""
+    return through(bundle, np.minimum(distance, bundle.lines.stop[:, np.newaxis]))
+
+
+def _trace_block(physics: Physics, lines: Lines, veil: Veil | None, result: Truth, rows: slice, rtol: float,
+                 limit_rounds: int, limit_intervals: int) -> Bundle:
+    bundle = make_bundle(physics, lines, veil)
     totals = integrate_pool(
         lambda pool: evaluate(bundle, pool), first_pool(bundle), lines.stop.size, rtol=rtol, channels=3,
         split=lambda pool: split_at_cells(bundle, pool), limit_rounds=limit_rounds,
@@ -176,21 +246,38 @@ def _trace_block(physics: Physics, lines: Lines, result: Truth, rows: slice, rto
     result.converged[rows], result.evaluations[rows] = totals.converged, totals.evaluations
     with np.errstate(under="ignore"):
         result.transmittance[:, rows] = np.exp(-optical_depth(bundle.paths, physics.extinction, lines.stop))
+    return bundle
 
 
 def make_truth_physics(scene: Scene, settings: Settings, assets: Assets | None, shadows: str,
                        volumetric: bool, sun_distance: float) -> Physics:
-    """What light and media do, made ready once for all rays; arguments as for `trace`."""
+    """What light, media and particles do, made ready once for all rays.
+
+    Parameters
+    ----------
+    scene, settings, assets, shadows, sun_distance
+        As for `trace`.
+    volumetric : bool
+        Its volumetric_shadows.
+
+    Returns
+    -------
+    Physics
+
+    Examples
+    --------
+    >>> make_truth_physics(Scene(), Settings(), None, "off", True, np.inf).particles is None
+    True
+    """
     from froxel_ref.assets import load_assets
 
-    if volumetric and any(each.casts for each in scene.all_particles):
-        raise InputError("particles", "cast volumetric shadows, which the truth knows of media alone, must be left out "
-                                      "(--set scene.particles=[])")
     assets = load_assets(scene, None) if assets is None else assets
     casting = occluders([surface for surface in scene.surfaces if surface.casts_shadows], assets
                         ) if shadows == "exact" else ()
+    dims = volumetric and any(each.casts for each in scene.all_particles)
+    particles = casting_particles(placed_particles(scene, assets)) if dims else None
     return make_physics(scene, settings, assets.textures, casting, volumetric=volumetric,
-                        sun_distance=sun_distance)
+                        sun_distance=sun_distance, particles=particles)
 
 
 def trace_depths(scene: Scene, origins: ArrayLike, directions: ArrayLike, ends: ArrayLike,

@@ -10,6 +10,7 @@ import numpy as np
 
 from froxel_ref import __version__
 from froxel_ref.assets import checksums
+from froxel_ref.fom_plan import casting_particles
 from froxel_ref.frame import Frame
 from froxel_ref.golden import ABOUT, write_array
 from froxel_ref.image_files import write_png
@@ -17,6 +18,7 @@ from froxel_ref.output import check_folder, read_manifest
 from froxel_ref.pictures import View, final_image
 from froxel_ref.scene_files import Loaded, document
 from froxel_ref.settings import SWITCHES
+from froxel_ref.transparency_stage import needs_layers
 from froxel_ref.truth_image import TruthImage
 from froxel_ref.truth_pictures import Difference, difference, error_picture, overview
 
@@ -29,6 +31,8 @@ MANIFEST, CONTACT_SHEET = "manifest.json", "contact_sheet.png"
 RADIANCE = "W m⁻² sr⁻¹"
 ARRAYS = {
     "radiance": (RADIANCE, "surfaces times transmittance, plus the media's light"),
+    "layer_radiance": (RADIANCE, "light of particles and transparent surfaces as it arrives; it is in radiance"),
+    "layer_transmittance": ("1", "share of the surface's light that passes these; fog_transmittance is the media's"),
     "error": (RADIANCE, "estimated absolute error of radiance; with a box filter, the filter's own is in it"),
     "filter_error": (RADIANCE, "the box filter's share of the error"),
     "fog_radiance": (RADIANCE, "the media's light alone"),
@@ -49,7 +53,11 @@ class Options(NamedTuple):
     filter: str
 
     def __str__(self) -> str:
-        shadows = self.shadows + (", and by media" if self.volumetric_shadows else "")
+        return self.words("media")
+
+    def words(self, dimming: str) -> str:
+        """On one line; what dims light is the scene's."""
+        shadows = self.shadows + (f", and by {dimming}" if self.volumetric_shadows else "")
         rays = "one ray a pixel" if self.filter == "centre" else "box filter, 49 rays a pixel"
         return f"tolerance {self.rtol:g}, shadows {shadows}, {rays}"
 
@@ -91,14 +99,18 @@ def write_truth(folder: Path, image: TruthImage, frame: Frame, loaded: Loaded, o
     Difference
         Between frame and truth.
     """
-    entries = [_write(folder, name, image) for name in ARRAYS if name != "filter_error" or options.filter == "box"]
+    left_out = set() if options.filter == "box" else {"filter_error"}
+    if not needs_layers(loaded.scene, loaded.settings)[0]:
+        left_out |= {"layer_radiance", "layer_transmittance"}
+    entries = [_write(folder, name, image) for name in ARRAYS if name not in left_out]
     view = View(frame.scene.camera, frame.settings.grid, frame.display_exposure)
     shown = np.broadcast_to(frame.image, image.radiance.shape)
     write_png(folder / "radiance.png", final_image(image.radiance, view))
     write_png(folder / "error.png", error_picture(image))
     grid = frame.settings.grid
+    dimming = "media and particles" if casting_particles(loaded.scene) else "media"
     write_png(folder / CONTACT_SHEET, overview(
-        image, shown, view, title=loaded.scene.name or "unnamed scene", facts=str(options),
+        image, shown, view, title=loaded.scene.name or "unnamed scene", facts=options.words(dimming),
         frame_facts=f"{grid.width} x {grid.height} x {grid.depth} froxels, {frame.settings.precision}, "
                     f"{frame.settings.fidelity}, shadows {_shadows(frame, options)}"))
     found = difference(shown, image.radiance)

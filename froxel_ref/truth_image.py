@@ -1,4 +1,4 @@
-"""The converged image: surfaces seen through media, put together as the frame does, without its froxels."""
+"""The converged image: surfaces, particles and panes seen through media, put together without froxels."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from froxel_ref.arrays import Field, Points
+from froxel_ref.arrays import Field, Points, Visibility
+from froxel_ref.billboard_shadows import points_transmittance
 from froxel_ref.buffers import Hits
+from froxel_ref.fom_plan import particle_size
 from froxel_ref.geometry import Rays, camera_rays
 from froxel_ref.light_paths import light_transmittance
 from froxel_ref.media import contributing
@@ -20,7 +22,9 @@ from froxel_ref.settings import Settings
 from froxel_ref.shadow_stage import exact_sights
 from froxel_ref.single_scattering import Physics
 from froxel_ref.surface import find_surfaces, imported, shade
-from froxel_ref.truth import Progress, Truth, check_options, make_truth_physics, trace
+from froxel_ref.truth import Progress, Truth, check_options, make_truth_physics, trace_layers
+from froxel_ref.truth_input import check_limits, make_lines
+from froxel_ref.truth_layers import by_channel, find_layers
 
 if TYPE_CHECKING:
     from froxel_ref.assets import Assets
@@ -40,6 +44,11 @@ FILTER_NODES = 0.5 + 0.5 * np.concatenate([-_X, [0.0], _X[::-1]])
 FILTER_KRONROD = 0.5 * np.concatenate([_W, [0.450916538658474142345110087045571], _W[::-1]])
 FILTER_GAUSS = np.array([0.0, 5.0, 0.0, 8.0, 0.0, 5.0, 0.0]) / 18.0
 
+# What stands for particles and transparent surfaces where a scene has none.
+NO_LIGHT, ALL_PASSES = np.zeros((3, 1, 1)), np.ones((1, 1))
+for _nothing in (NO_LIGHT, ALL_PASSES):
+    _nothing.setflags(write=False)
+
 
 class TruthImage(NamedTuple):
     """A converged image.
@@ -47,13 +56,13 @@ class TruthImage(NamedTuple):
     Attributes
     ----------
     radiance : ndarray, shape (3, h, w) [W m⁻² sr⁻¹]
-        Surfaces times transmittance, plus the media's light.
+        Surfaces times both transmittances, plus the layers' light and the media's.
     error : ndarray, shape (3, h, w) [W m⁻² sr⁻¹]
         Estimated absolute error: that of the rays' light and, with a box filter, the filter's own.
     fog_radiance : ndarray, shape (3, h, w) [W m⁻² sr⁻¹]
-        The media's light alone.
+        The media's light alone, as it arrives through particles and transparent surfaces.
     fog_transmittance : ndarray, shape (h, w) or (3, h, w) [1]
-        The share of the surface's light that passes.
+        The share of the surface's light that passes the media.
     converged : ndarray of bool, shape (h, w)
         Whether every ray of the pixel reached its tolerance (of the media's light). Of the filter's error
         nothing is promised, it is only told.
@@ -61,6 +70,10 @@ class TruthImage(NamedTuple):
         Points at which a light was evaluated.
     filter_error : ndarray, shape (3, h, w) [W m⁻² sr⁻¹]
         The filter's share of the error: 0 for rays through the centres.
+    layer_radiance : ndarray, shape (3, h, w), or (3, 1, 1) where the scene has none [W m⁻² sr⁻¹]
+        Light of particles and transparent surfaces, as it arrives through the media and those in front.
+    layer_transmittance : ndarray, shape (h, w), or (1, 1) where the scene has none [1]
+        The share of the surface's light that passes them.
     """
 
     radiance: Array
@@ -70,6 +83,8 @@ class TruthImage(NamedTuple):
     converged: NDArray[np.bool_]
     evaluations: NDArray[np.intp]
     filter_error: Array
+    layer_radiance: Array = NO_LIGHT
+    layer_transmittance: Array = ALL_PASSES
 
 
 def check_filter(scene: Scene, pixel_filter: str) -> None:
@@ -86,8 +101,7 @@ def check_integrable(scene: Scene, settings: Settings) -> None:
     Raises
     ------
     InputError
-        No medium that dims or glows; or no light, ambient light or emission; or particles or transparent
-        surfaces, which the truth does not draw.
+        No medium that dims or glows; or no light, ambient light or emission.
 
     Examples
     --------
@@ -96,19 +110,12 @@ def check_integrable(scene: Scene, settings: Settings) -> None:
         ...
     froxel_ref.records.InputError: scene: has no medium with extinction or emission: nothing to integrate
     """
-    _check_all_drawn(scene)
     media = contributing((*scene.global_media, *scene.local_media))
     if not media:
         raise InputError("scene", "has no medium with extinction or emission: nothing to integrate")
     ambient = any(scene.ambient) or settings.ambient == "constant"
     if not (scene.all_lights or ambient or any(any(medium.emissive) for medium in media)):
         raise InputError("scene", "has no light, no ambient light and no emission: nothing to integrate")
-
-
-def _check_all_drawn(scene: Scene) -> None:
-    for name, items in (("particles", scene.all_particles), ("transparent_surfaces", scene.transparent_surfaces)):
-        if any(each.visible for each in items):
-            raise InputError(name, f"are not in the truth, must be left out (--set scene.{name}=[])")
 
 
 def image_lines(rays: Rays, depth: Field, far: float) -> tuple[Array, Array, Array]:
@@ -173,7 +180,8 @@ def render_truth(scene: Scene, settings: Settings | None = None, *, assets: Asse
     shadows : {"off", "exact"}, optional
         Default: exact, unless the settings have them off.
     volumetric_shadows : bool, optional
-        Whether media dim light on its way, to surfaces too. Default: unless the settings have them off.
+        Whether media and particles dim light on its way, to surfaces and particles too. Default: unless the settings
+        have them off.
     far : float, optional [m]
         View depth at which rays end that hit nothing nearer; the grid's far boundary unless given, where
         the frame's fog ends too.
@@ -193,8 +201,13 @@ def render_truth(scene: Scene, settings: Settings | None = None, *, assets: Asse
 
     Notes
     -----
-    L = L_surface·T + L_media [Dörries 2020, eq. 2.11]. The box filter is the tensor Gauss–Kronrod rule
-    (3, 7); its error |K − G| is large, and rightly so, where an edge crosses a pixel.
+    L = L_surface·T·Π_j (1 − α_j) + L_media + L_layers [Dörries 2020, eq. 2.11 and §4.3], the j-th of the particles and
+    transparent surfaces that the ray crosses fogged at its own depth: all that lies behind it, fog included, arrives by
+    1 − α_j, and it adds its own light times α_j (`froxel_ref.truth_layers`). They are lit like surfaces: every light
+    hidden by surfaces, and dimmed by media and particles, along a straight way from each point.
+
+    The box filter is the tensor Gauss–Kronrod rule (3, 7); its error |K − G| is large, and rightly so, where an edge
+    crosses a pixel.
 
     Examples
     --------
@@ -209,14 +222,12 @@ def render_truth(scene: Scene, settings: Settings | None = None, *, assets: Asse
     if volumetric_shadows is None:
         volumetric_shadows = settings.volumetric_shadows != "off"
     check_options(rtol, shadows, sun_distance)
+    check_limits(volumetric_shadows, 1, 1, threads)
     check_filter(scene, pixel_filter)
-    _check_all_drawn(scene)
     from froxel_ref.assets import load_assets
 
     assets = load_assets(scene, None) if assets is None else assets
     physics = make_truth_physics(scene, settings, assets, shadows, volumetric_shadows, sun_distance)
-    options = {"rtol": rtol, "shadows": shadows, "volumetric_shadows": volumetric_shadows,
-               "sun_distance": sun_distance, "threads": threads, "assets": assets, "settings": settings}
     far = settings.grid.far if far is None else far
     samples = list(_samples(pixel_filter))
     whole = scene.camera.width * scene.camera.height
@@ -226,7 +237,7 @@ def render_truth(scene: Scene, settings: Settings | None = None, *, assets: Asse
             if progress is not None:
                 progress(before + done, whole * len(samples))
 
-        images.append(_one_image(scene, physics, jitter, far, options | {"progress": tell}))
+        images.append(_one_image(physics, assets, jitter, far, rtol=rtol, threads=threads, progress=tell))
         weights.append((kronrod, gauss))
     return images[0] if len(images) == 1 else _filtered(images, weights)
 
@@ -249,49 +260,63 @@ def _filtered(images: list[TruthImage], weights: list[tuple[float, float]]) -> T
     edges = np.abs(radiance - mean("radiance", 1))
     return TruthImage(radiance, mean("error", 0) + edges, mean("fog_radiance", 0), mean("fog_transmittance", 0),
                       np.logical_and.reduce([i.converged for i in images]),
-                      np.sum([i.evaluations for i in images], axis=0), edges)
+                      np.sum([i.evaluations for i in images], axis=0), edges, mean("layer_radiance", 0),
+                      mean("layer_transmittance", 0))
 
 
-def _one_image(scene: Scene, physics: Physics, jitter: tuple[float, float], far: float,
-               options: dict[str, Any]) -> TruthImage:
+def _one_image(physics: Physics, assets: Assets, jitter: tuple[float, float], far: float, *, rtol: float,
+               threads: int | None, progress: Progress) -> TruthImage:
     """One ray for each pixel."""
-    settings, camera, assets = physics.settings, scene.camera, options["assets"]
+    scene, settings, camera = physics.scene, physics.settings, physics.scene.camera
     rays = camera_rays(camera, camera.width, camera.height, jitter=jitter)
-    hits, behind = _surfaces(scene, physics, rays, assets, options["threads"])
+    sights = _sights(physics, assets)
+    hits, behind = _surfaces(physics, rays, assets, sights, threads)
     if settings.exposure == "lighting":
         behind = behind * camera.exposure
+    layers = find_layers(scene, settings, assets, rays, hits.depth, sights, threads=threads)
     origins, directions, ends = image_lines(rays, hits.depth, far)
     begin: Array = np.zeros_like(ends)
     if settings.integrate_from == "near":
         begin = np.minimum(settings.grid.near * rays.length.reshape(-1), ends)
-    fog = trace(scene, origins, directions, ends, starts=begin, **options)
+    fog, own, passed = trace_layers(physics, make_lines(origins, directions, begin, ends), layers, rtol=rtol,
+                                    threads=threads, progress=progress)
     shape = rays.length.shape
     fog = Truth._make(field.reshape(*field.shape[:-1], *shape) for field in fog)
-    return TruthImage(behind * fog.transmittance + fog.radiance, fog.error, fog.radiance, fog.transmittance,
-                      fog.converged, fog.evaluations, np.zeros_like(fog.error))
+    surface = behind * fog.transmittance
+    if layers is None:
+        return TruthImage(surface + fog.radiance, fog.error, fog.radiance, fog.transmittance, fog.converged,
+                          fog.evaluations, np.zeros_like(fog.error))
+    own, passed = own.reshape(3, *shape), passed.reshape(shape)
+    return TruthImage(surface * passed + own + fog.radiance, fog.error, fog.radiance, fog.transmittance,
+                      fog.converged, fog.evaluations, np.zeros_like(fog.error), own, passed)
 
 
-def _surfaces(scene: Scene, physics: Physics, rays: Rays, assets: Assets,
-              threads: int | None) -> tuple[Hits, Array]:
-    """What the rays hit, and its radiance."""
-    if scene.image_buffers is not None:
-        return imported(assets, scene)
-    hits = find_surfaces(scene.surfaces, rays, assets, threads=threads)
-    attenuation = physics.settings.attenuation
-    opaque = exact_sights(scene, assets) if physics.occluders else {}
+def _sights(physics: Physics, assets: Assets) -> list[Visibility]:
+    """What is left of each light at points: of all channels alike, or of each where extinction is RGB."""
+    opaque = exact_sights(physics.scene, assets) if physics.occluders else {}
     if not physics.volumetric:
-        return hits, shade(hits, rays, scene, attenuation=attenuation, visibility=opaque, threads=threads)
+        return [opaque]
 
     def passing(channel: int, number: int, points: Points, normal: Points | None = None) -> Field:
         way = light_transmittance(physics.media, physics.extinction, physics.lights[number], points,
                                   settings=physics.settings, sun_distance=physics.sun_distance)
         share: Field = way[min(channel, len(way) - 1)]
+        if physics.particles is not None:
+            share = share * points_transmittance(physics.particles, physics.lights[number], points,
+                                                 size=particle_size(physics.settings))
         return np.asarray(share * opaque[number](points, normal)) if number in opaque else share
 
-    # Visibility is one number a light: coloured extinction is shaded one channel at a time.
-    planes = []
-    for channel in range(physics.extinction.shape[1]):
-        every = {number: partial(passing, channel, number) if physics.dims(number) else opaque[number]
-                 for number in range(len(physics.lights)) if physics.dims(number) or number in opaque}
-        planes.append(shade(hits, rays, scene, attenuation=attenuation, visibility=every, threads=threads))
-    return hits, planes[0] if len(planes) == 1 else np.stack([plane[c] for c, plane in enumerate(planes)])
+    return [{number: partial(passing, channel, number) if physics.dims(number) else opaque[number]
+             for number in range(len(physics.lights)) if physics.dims(number) or number in opaque}
+            for channel in range(physics.extinction.shape[1])]
+
+
+def _surfaces(physics: Physics, rays: Rays, assets: Assets, sights: list[Visibility],
+              threads: int | None) -> tuple[Hits, Array]:
+    """What the rays hit, and its radiance."""
+    scene = physics.scene
+    if scene.image_buffers is not None:
+        return imported(assets, scene)
+    hits = find_surfaces(scene.surfaces, rays, assets, threads=threads)
+    return hits, by_channel([shade(hits, rays, scene, attenuation=physics.settings.attenuation, visibility=sight,
+                                   threads=threads) for sight in sights])

@@ -14,7 +14,6 @@ from froxel_ref import scene_files
 from froxel_ref.assets import load_assets
 from froxel_ref.billboard_shadows import Crossings, lamp_hits
 from froxel_ref.billboards import Particles, placed_particles
-from froxel_ref.cli import main
 from froxel_ref.fom_particles import AT_ONCE, casting, crossed
 from froxel_ref.fom_plan import dimmed_lamps, dimmed_suns
 from froxel_ref.fom_stage import exact_sights, map_sights, opacity_maps
@@ -27,14 +26,11 @@ from froxel_ref.scene import (
     Medium,
     Particle,
     ParticleCloud,
-    Plane,
     PointLight,
     Scene,
     SpotLight,
 )
 from froxel_ref.settings import Grid, OpacityMaps, Settings, ShadowMaps, replace
-from froxel_ref.truth import trace
-from froxel_ref.truth_image import render_truth
 
 WHITE = (1.0, 1.0, 1.0)
 SUN = DirectionalLight(direction=(0.0, 1.0, 0.0), irradiance=WHITE)
@@ -220,18 +216,6 @@ def test_a_cloud_is_its_particles() -> None:
     a, b = (opacity_maps(scene, HOW, load_assets(scene, None))["fom/coefficients"]
             for scene in (scene_of(LAMP, cloud), scene_of(LAMP, *cloud.particles())))
     assert a.tobytes() == b.tobytes()
-
-
-def test_the_truth_says_that_it_has_no_particles(capsys: pytest.CaptureFixture[str]) -> None:
-    scene = scene_of(LAMP, PUFF, global_media=(Medium(),), surfaces=(Plane(),))
-    with pytest.raises(InputError, match=r"^particles: are not in the truth, must be left out"):
-        render_truth(scene)
-    with pytest.raises(InputError, match=r"^particles: cast volumetric shadows"):
-        trace(scene, [[0.0]] * 3, [[0.0], [0.0], [-1.0]], [8.0], volumetric_shadows=True)
-    assert main(["truth", "particles-in-fog", "--size", "4x3"]) == 2
-    out = capsys.readouterr()
-    assert out.err.count("\n") == 1
-    assert "particles: are not in the truth" in out.err
 
 
 def test_memory_stays_below_its_estimate_however_much_is_crossed() -> None:

@@ -56,7 +56,6 @@ from froxel_ref.settings import (
 )
 from froxel_ref.transparency import Pane, sorted_panes
 from froxel_ref.transparency_stage import drawn_layers
-from froxel_ref.truth_image import check_integrable, render_truth
 
 EPS = float(np.finfo(np.float64).eps)
 CAMERA = Camera(position=(0, 0, 0), target=(0, 0, -1), vertical_fov=60, width=12, height=8)
@@ -505,13 +504,3 @@ def test_a_mesh_that_moves_is_found_among_its_assets() -> None:
                      made[3].settings, assets=assets._replace(meshes={there: triangle}))
     np.testing.assert_array_equal(made[3][FINAL], want[FINAL])
     assert not np.array_equal(made[0][FINAL], made[3][FINAL])
-
-
-def test_the_truth_says_that_it_has_none() -> None:
-    scene = glass(facing(4.0), global_media=(FOG,))
-    message = (r"^transparent_surfaces: are not in the truth, must be left out \(--set "
-               r"scene\.transparent_surfaces=\[\]\)$")
-    for refuse in (check_integrable, render_truth):
-        with pytest.raises(InputError, match=message):
-            refuse(scene, HOW)
-    check_integrable(glass(facing(4.0, opacity=0), global_media=(FOG,)), HOW)
