@@ -307,7 +307,8 @@ def opacity_at(particles: Particles, index: Integers, x: Field, y: Field) -> Fie
     """
     profile = particles.profile[index]
     opacity = np.where((np.abs(x) <= 1.0) & (np.abs(y) <= 1.0), particles.opacity[index].astype(x.dtype), 0.0)
-    kinds = np.unique(particles.profile).tolist()
+    # Few points of many particles, or many points of few: whichever is shorter tells the kinds.
+    kinds = np.unique(min(profile.ravel(), particles.profile, key=len)).tolist()
     if DISC in kinds or SOFT in kinds:
         rest = np.maximum(1.0 - (x * x + y * y), 0.0)
         share = np.where(profile == SOFT, rest * rest, np.where((profile == DISC) & (x * x + y * y > 1.0), 0.0, 1.0))
