@@ -103,15 +103,15 @@ def code_of(maps: OpacityMaps) -> Code:
     power moments, 7 numbers a texel [4.0, 0.0, 1.333]
     trigonometric moments, 7 numbers a texel [4.0, -0.207, 0.033]
     """
-    half = maps.storage == "float16"
+    storage = "float16" if maps.storage == "float16" else None
     if maps.technique == "slices":
         return _slices(maps.channels)
     if maps.technique == "cosine":
         return _cosine(maps.channels)
     if maps.technique == "power":
-        return _power(maps.channels, "float16" if half else None)
+        return _power(maps.channels, storage, maps.overestimation)
     if maps.technique == "trigonometric":
-        return _trigonometric(maps.channels, "float16" if half else None)
+        return _trigonometric(maps.channels, storage, maps.overestimation)
     return fourier_code(maps.harmonics)
 
 
@@ -330,7 +330,7 @@ def _one(start: Field, stop: Field, tau: Field) -> Absorbers:
 # --- moments ----------------------------------------------------------------------------------------
 
 
-def _power(channels: int, storage: str | None) -> Code:
+def _power(channels: int, storage: str | None, overestimation: float) -> Code:
     """Power moments b_0 … of z = 2d − 1 [Münstermann 2018]: `power_moments`."""
     count = channels - 1
 
@@ -366,7 +366,7 @@ def _power(channels: int, storage: str | None) -> Code:
         return np.stack(result)
 
     def passed(moments: Field, depth: Field) -> Field:
-        return power_moments.transmittance(moments, depth, storage=storage)
+        return power_moments.transmittance(moments, depth, storage=storage, overestimation=overestimation)
 
     return Code(_about("power moments", channels), channels, stretches, falling, _within(steps, points), points,
                 lambda tau: stretches(np.zeros_like(tau), np.ones_like(tau), tau), _scatter(points), _store_series,
@@ -428,7 +428,7 @@ def _spread(sums: Array, half: Field) -> Array:
     return result
 
 
-def _trigonometric(channels: int, storage: str | None) -> Code:
+def _trigonometric(channels: int, storage: str | None, overestimation: float) -> Code:
     """Trigonometric moments [Münstermann 2018]: `trigonometric_moments`, half the Fourier coefficients on an arc."""
     count = channels // 2
 
@@ -450,7 +450,7 @@ def _trigonometric(channels: int, storage: str | None) -> Code:
         return moments(fom.sample_coefficients(TURN * depth[np.newaxis], tau[np.newaxis], harmonics=count))
 
     def passed(numbers: Field, depth: Field) -> Field:
-        return trigonometric_moments.transmittance(numbers, depth, storage=storage)
+        return trigonometric_moments.transmittance(numbers, depth, storage=storage, overestimation=overestimation)
 
     return Code(_about("trigonometric moments", channels), channels, stretches, falling, _within(steps, points), points,
                 lambda tau: stretches(np.zeros_like(tau), np.ones_like(tau), tau), _scatter(points), _store_series,
@@ -482,4 +482,4 @@ def _moments_reading(passed: Transmittance) -> Reading:
             result[some] = whole[some] * np.minimum(np.maximum(share, 0.0), 1.0)
         return np.asarray(result.reshape(shape), np.result_type(planes, depth))
 
-    return Reading(read, None, each=True)
+    return Reading(read, None, each=False)

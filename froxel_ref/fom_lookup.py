@@ -20,14 +20,13 @@ __all__ = ["OpacityMap", "Reading", "cascade_sight", "lamp_sight", "pairs_of", "
 Integers: TypeAlias = NDArray[np.intp]
 Matrix: TypeAlias = NDArray[np.float64]
 Decode: TypeAlias = Callable[[Field, Field], Field]
-
 Fetch: TypeAlias = Callable[[Field, Integers, Field], Field]
 
 TINY = 1e-30
 
 
 class Reading(NamedTuple):
-    """How optical depth is read from a texel's numbers, for techniques other than Fourier's.
+    """How optical depth is read from texels' numbers.
 
     Attributes
     ----------
@@ -37,8 +36,8 @@ class Reading(NamedTuple):
     fetch : callable or None
         The same from a map, shape (channels, texels), and texels' indices, where few of their numbers are read.
     each : bool
-        Whether each of four texels is read, and the optical depths filtered, where all share one range; else their
-        numbers are filtered first.
+        Whether each of a lamp's four texels is read, and the optical depths filtered; else their numbers are filtered
+        first, since all share one range.
     """
 
     depth: Decode
@@ -185,7 +184,7 @@ def _read(planes: Field, corners: Corners, depth: Field, reading: Reading) -> Fi
 
 
 def lamp_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", octahedron: str = "from_light",
-               lookup: str = "per_texel", reading: Reading | None = None) -> Sight:
+               reading: Reading | None = None) -> Sight:
     """What media and particles let through of a lamp's light.
 
     Parameters
@@ -196,9 +195,6 @@ def lamp_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", octa
         How transmittance is read from coefficients.
     octahedron : {"from_light", "to_light"}
         What an octahedral map's directions are (A9).
-    lookup : {"per_texel", "filtered"}
-        Of moments: each of the four texels read and the optical depths filtered; or the moments filtered first. What
-        is resolved is always read by texel; of series and slices the two are one.
     reading : Reading, optional
         How another technique's numbers are read; ``reconstruction`` has no meaning then.
 
@@ -210,7 +206,8 @@ def lamp_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", octa
     Notes
     -----
     Coefficients are filtered bilinearly, which filters optical depth, since all texels share one range; then
-    `froxel_ref.fom.transmittance` at the distance from the light. "resolved" finds each texel's extinction first
+    `froxel_ref.fom.transmittance` at the distance from the light. Filtered moments are those of the mean of what lies
+    on the four rays. "resolved" finds each texel's extinction first
     (`froxel_ref.fom_resolved`), and filters the optical depths of the four. Beyond the map's depths the nearest is
     taken.
 
@@ -225,7 +222,6 @@ def lamp_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", octa
     planes, plain = opacity_map.coefficients[0], reading is None
     resolved = plain and reconstruction == "resolved"
     read = reading or _reading(reconstruction)
-    each = resolved or (read.each and (lookup == "per_texel" or read.fetch is not None))
     near, far = float(opacity_map.near.flat[0]), float(opacity_map.far.flat[0])
     alike = bool((planes == planes[:, :1, :1]).all())
     if not far > near or (alike and not planes.any()):
@@ -249,7 +245,7 @@ def lamp_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", octa
         x, y = locate(away)
         corners = _corners(x.reshape(-1), y.reshape(-1), planes.shape[-1])
         depth = _share(distance.reshape(-1), np.asarray(near), np.asarray(far))
-        tau = _read(planes, corners, depth, read) if each else read.depth(_filtered(planes, corners), depth)
+        tau = _read(planes, corners, depth, read) if read.each else read.depth(_filtered(planes, corners), depth)
         return _passed(tau).reshape(shape)
 
     return see
@@ -328,14 +324,14 @@ def cascade_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", l
     [1.0, 0.606531, 0.367879]
     """
     faces, _, size, _ = opacity_map.coefficients.shape
-    planes = opacity_map.coefficients.swapaxes(0, 1)
+    planes = np.ascontiguousarray(opacity_map.coefficients.swapaxes(0, 1))  # once, and not by every lookup
     near, far = (np.broadcast_to(end, (faces, size, size)).reshape(-1) for end in (opacity_map.near, opacity_map.far))
     if not (far > near).any():
         return _clear
     resolved = reading is None and reconstruction == "resolved"
     how, read = reading or _reading(reconstruction), _each if lookup == "per_texel" or resolved else _together
     if resolved:
-        planes = opacity_map.without_ringing.swapaxes(0, 1)
+        planes = np.ascontiguousarray(opacity_map.without_ringing.swapaxes(0, 1))
 
     def see(points: Points, normal: Points | None = None) -> Field:
         shape = np.broadcast_shapes(*(p.shape for p in points))

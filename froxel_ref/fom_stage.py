@@ -215,8 +215,7 @@ def map_sights(results: Mapping[str, Any], scene: Scene, settings: Settings) -> 
         found[number] = lamp_sight(
             OpacityMap(kind, tile[np.newaxis], ends[:, 0], ends[:, 1], each, map_border(light, settings),
                        resolved[np.newaxis, :, row:row + size, column:column + size] if resolved.size else None),
-            reconstruction=maps.reconstruction, octahedron=settings.fom_octahedron, lookup=settings.fom_lookup,
-            reading=reading)
+            reconstruction=maps.reconstruction, octahedron=settings.fom_octahedron, reading=reading)
     for number, ends, each, planes, resolved in zip(*(results[name] for name in SUNS), strict=True):
         found[int(number)] = cascade_sight(
             OpacityMap("directional", planes, ends[:, 0], ends[:, 1], each, 1, resolved if resolved.size else None),

@@ -126,8 +126,7 @@ class Switches(Record):
     fom_tiles: str | None = _switch(
         "fom_tiles", "A8: a lamp's tile by its extent on the screen, or always the small one")
     fom_lookup: str | None = _switch(
-        "fom_lookup", "S3: a sun's four texels, and a lamp's of moments, each read by its own range, or numbers and "
-                      "ranges filtered first")
+        "fom_lookup", "S3: a sun's four texels each with its own range, or coefficients and ranges filtered first")
     fom_sun: str | None = _switch(
         "fom_sun", "D16: a sun's visibility: product of opaque and volumetric, or the smaller")
     fom_spot: str | None = _switch("fom_spot", "A3: a spot light's rows as they are looked up, or the other way round")
@@ -247,6 +246,9 @@ class OpacityMaps(Record):
         None, "how many numbers a texel holds, unless they are Fourier coefficients, of which harmonics says it: by "
               "default 8 slices, 8 cosines, 7 of 6 power moments, or 7 of 3 trigonometric ones",
         optional=True, at_least=1, at_most=256)
+    overestimation: float = number(
+        0.25, "moments: how far from the lower bound of optical depth to the upper one it is taken [Münstermann 2018]",
+        at_least=0.0, at_most=1.0)
     harmonics: int = integer(
         3, "K, two coefficients each and two more [Jansen 2010]; 0: the whole optical depth, linear over the range",
         at_least=0, at_most=32)

@@ -330,14 +330,13 @@ def test_a_texels_middle_is_read_as_the_plain_technique_reads_it(name: str, stor
 
 
 @RIVAL
-@pytest.mark.parametrize("lookup", ["per_texel", "filtered"])
-def test_lamps_filter_optical_depths_or_numbers(name: str, lookup: str) -> None:
-    """A scalar bilinear filter between four texels of an octahedron."""
+def test_lamps_filter_numbers(name: str) -> None:
+    """A scalar bilinear filter between four texels of an octahedron, all of one range; then the plain technique."""
     numbers, _ = texel_map(name)
     size, reach = numbers.shape[-1], 10.0
     how, way = code(name), plain(name)
     see = lamp_sight(OpacityMap("octahedral", numbers[None], np.zeros(1), np.full(1, reach), np.eye(3, 4)[None]),
-                     reading=how.reading, lookup=lookup)
+                     reading=how.reading)
     rng = np.random.default_rng(11)
     for _ in range(40):
         x, y = rng.uniform(0.6, size - 0.6, 2)
@@ -350,12 +349,7 @@ def test_lamps_filter_optical_depths_or_numbers(name: str, lookup: str) -> None:
         weights = [((1 - right) * (1 - down), 0, 0), (right * (1 - down), 0, 1), ((1 - right) * down, 1, 0),
                    (right * down, 1, 1)]
         some = [(w, numbers[:, row + i, column + j][:, None]) for w, i, j in weights]
-        at = np.full((1, 1), d)
-        if lookup == "filtered":
-            want = float(way.decode(sum(w * n for w, n in some), at)[0, 0])
-        else:
-            uncut = way.uncut or way.decode
-            want = min(math.exp(sum(w * math.log(uncut(n, at)[0, 0]) for w, n in some)), 1.0)
+        want = float(way.decode(sum(w * n for w, n in some), np.full((1, 1), d))[0, 0])
         assert got == pytest.approx(want, abs=1e-9)
 
 
@@ -428,6 +422,17 @@ def test_planned_equals_forced_and_threads_and_kept_maps_change_no_bit(name: str
         assert a.tobytes() == b.tobytes(), quantity
     assert one["fom/coefficients"].shape[0] == one["fom/directional_coefficients"].shape[2] == how.opacity_maps.channels
     assert sum(one[result].nbytes for result in (*LAMPS, *SUNS)) == map_bytes(SCENE, how)
+
+
+@pytest.mark.parametrize("name", ["power", "trigonometric"])
+def test_between_the_bounds_of_moments(name: str) -> None:
+    """More is dimmed towards the upper bound of optical depth; of a uniform ray ½ is about right."""
+    numbers = encoded(name, Absorbers(np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1))))
+    depth = np.linspace(0.05, 0.95, 19)
+    low, half, high = (code(name, overestimation=o).reading.depth(numbers, depth) for o in (0.0, 0.5, 1.0))
+    assert (low < depth).all()
+    assert (high > depth).all()
+    np.testing.assert_allclose(half, depth, atol=0.08)  # 0.003 and 0.07 measured
 
 
 def test_maps_of_another_technique_are_made_anew() -> None:
