@@ -198,6 +198,20 @@ def test_a_suns_texels_have_their_own_range() -> None:
         assert not numbers[:, ~met].any()
 
 
+def test_particles_lie_amidst_a_suns_range() -> None:
+    """A disc alone: its range reaches as far before as behind it."""
+    sun = DirectionalLight(direction=(0, 1, 0), irradiance=WHITE)
+    scene = Scene(lights=(sun,), camera=CAMERA, particles=DISCS[:1])
+    for name in ALL:
+        made = opacity_maps(scene, using(name), load_assets(scene, None))
+        ends, numbers = made["fom/directional_range"][0, 0], made["fom/directional_coefficients"][0, 0]
+        met = ends[1] > ends[0]
+        assert met.sum() > 3
+        point = as_points(np.full((1, 1), 0.5), np.full((1, 1), -math.log1p(-DISCS[0].opacity)))
+        np.testing.assert_allclose(numbers[:, met], np.broadcast_to(encoded(name, point), (len(numbers), met.sum())),
+                                   rtol=0.0, atol=1e-12)
+
+
 depths = st.floats(0.0, 1.0)
 
 
@@ -279,6 +293,7 @@ def test_crossings_are_summed_by_their_rays(name: str, many: int) -> None:
     rng = np.random.default_rng(5)
     ray = rng.integers(0, 6, many)
     t, tau = rng.uniform(1.0, 9.0, many), rng.exponential(0.1, many)
+    t[0] = 8.0  # at the far end
     target = np.zeros((code(name).channels, 2, 3))
     add_crossings(target, Crossings(ray, np.zeros(many, np.intp), t, tau), np.full(6, 2.0), np.full(6, 8.0),
                   code=code(name))
@@ -355,17 +370,18 @@ def test_lamps_filter_numbers(name: str) -> None:
 
 @RIVAL
 def test_lamps_alike_in_all_directions_are_read_once(name: str) -> None:
-    """The same as maps that are not quite alike, to rounding."""
-    one = encoded(name, Absorbers(*(np.array([[v]]) for v in (0.2, 0.7, 3.0, 0.0))))
-    alike = np.broadcast_to(one[..., None], (len(one), 6, 6)).copy()
-    other = alike.copy()
-    other[:, 0, 0] *= 1.0 + 1e-13
+    """The same as maps that are not quite alike, to rounding; a layer half way has moments that are 0 but the first."""
     rng = np.random.default_rng(2)
     points = tuple(rng.normal(size=(4, 5, 3)) for _ in range(3))
-    seen = [lamp_sight(OpacityMap("octahedral", planes[None], np.zeros(1), np.full(1, 4.0), np.eye(3, 4)[None]),
-                       reading=code(name).reading)(points) for planes in (alike, other)]
-    np.testing.assert_allclose(*seen, atol=1e-9)
-    assert seen[0].min() < 0.2
+    for start, stop in ((0.2, 0.7), (0.5, 0.5)):
+        one = encoded(name, Absorbers(*(np.array([[v]]) for v in (start, stop, 3.0, 0.0))))
+        alike = np.broadcast_to(one[..., None], (len(one), 6, 6)).copy()
+        other = alike.copy()
+        other[:, 0, 0] *= 1.0 + 1e-13
+        seen = [lamp_sight(OpacityMap("octahedral", planes[None], np.zeros(1), np.full(1, 4.0), np.eye(3, 4)[None]),
+                           reading=code(name).reading)(points) for planes in (alike, other)]
+        np.testing.assert_allclose(*seen, atol=1e-9)
+        assert seen[0].min() < 0.2
 
 
 # --- frames -----------------------------------------------------------------------------------------
@@ -432,7 +448,7 @@ def test_between_the_bounds_of_moments(name: str) -> None:
     low, half, high = (code(name, overestimation=o).reading.depth(numbers, depth) for o in (0.0, 0.5, 1.0))
     assert (low < depth).all()
     assert (high > depth).all()
-    np.testing.assert_allclose(half, depth, atol=0.08)  # 0.003 and 0.07 measured
+    np.testing.assert_allclose(half, depth, atol=0.08)  # 0.024 and 0.070 measured
 
 
 def test_maps_of_another_technique_are_made_anew() -> None:
