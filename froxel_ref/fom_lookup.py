@@ -1,4 +1,4 @@
-"""How points look themselves up in a light's Fourier opacity map: what the media and particles let through."""
+"""How points look themselves up in a light's opacity map: what the media and particles let through."""
 
 from __future__ import annotations
 
@@ -15,13 +15,38 @@ from froxel_ref.fom_resolved import resolve, resolved_depth
 from froxel_ref.shadow_lookup import octahedral_square
 from froxel_ref.shadow_views import CASCADE_EDGE
 
-__all__ = ["OpacityMap", "cascade_sight", "lamp_sight", "pairs_of", "planes_of"]
+__all__ = ["OpacityMap", "Reading", "cascade_sight", "lamp_sight", "pairs_of", "planes_of"]
 
 Integers: TypeAlias = NDArray[np.intp]
 Matrix: TypeAlias = NDArray[np.float64]
 Decode: TypeAlias = Callable[[Field, Field], Field]
+Fetch: TypeAlias = Callable[[Field, Integers, Field], Field]
 
 TINY = 1e-30
+
+
+class Reading(NamedTuple):
+    """How optical depth is read from texels' numbers.
+
+    Attributes
+    ----------
+    depth : callable
+        From numbers, shape (channels, …), and depths in the texels' ranges to optical depth, finite and at least 0 but
+        for what rings.
+    fetch : callable or None
+        The same from a map, shape (channels, texels), and texels' indices, where few of their numbers are read.
+    each : bool
+        Whether each of a lamp's four texels is read, and the optical depths filtered; else their numbers are filtered
+        first, since all share one range.
+    """
+
+    depth: Decode
+    fetch: Fetch | None
+    each: bool
+
+    def at(self, flat: Field, texel: Integers, depth: Field) -> Field:
+        """Optical depth of some texels."""
+        return self.depth(flat.take(texel, axis=1), depth) if self.fetch is None else self.fetch(flat, texel, depth)
 
 
 class OpacityMap(NamedTuple):
@@ -30,8 +55,8 @@ class OpacityMap(NamedTuple):
     Attributes
     ----------
     kind : {"spot", "octahedral", "directional"}
-    coefficients : Field, shape (faces, 2K + 2, size, size) [1]
-        a_0, b_0, a_1, b_1, …; one face for lamps.
+    coefficients : Field, shape (faces, channels, size, size) [1]
+        a_0, b_0, a_1, b_1, …, or another technique's numbers; one face for lamps.
     near, far : Field, shape (faces, size, size), or broadcastable [m]
         The depths that 0 and 1 stand for; nothing dims where far ≤ near.
     matrix : ndarray, shape (faces, 3, 4)
@@ -138,26 +163,28 @@ def _passed(depth: Field) -> Field:
         return np.asarray(np.minimum(np.exp(-depth), 1.0))
 
 
-def _decode(reconstruction: str) -> Decode:
-    """From planes and depths to optical depth."""
+def _reading(reconstruction: str) -> Reading:
+    """From Fourier coefficients, or what is resolved of them."""
     if reconstruction == "resolved":
-        return resolved_depth
-    return lambda planes, depth: optical_depth(pairs_of(planes), depth, lanczos=reconstruction == "lanczos")
+        return Reading(resolved_depth, None, each=True)
+    return Reading(lambda planes, depth: optical_depth(pairs_of(planes), depth, lanczos=reconstruction == "lanczos"),
+                   None, each=False)
 
 
-def _read(planes: Field, corners: Corners, depth: Field, decode: Decode) -> Field:
+def _read(planes: Field, corners: Corners, depth: Field, reading: Reading) -> Field:
     """Optical depth from each of the four texels, then filtered: of what is not linear in what is stored."""
     flat = planes.reshape(len(planes), -1)
     total = np.zeros_like(depth)
     for texel, weight in zip(corners.texel, corners.weight, strict=True):
-        total += weight * decode(flat.take(texel, axis=1), depth)
+        total += weight * reading.at(flat, texel, depth)
     return total
 
 
 # --- lamps ------------------------------------------------------------------------------------------
 
 
-def lamp_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", octahedron: str = "from_light") -> Sight:
+def lamp_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", octahedron: str = "from_light",
+               reading: Reading | None = None) -> Sight:
     """What media and particles let through of a lamp's light.
 
     Parameters
@@ -168,6 +195,8 @@ def lamp_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", octa
         How transmittance is read from coefficients.
     octahedron : {"from_light", "to_light"}
         What an octahedral map's directions are (A9).
+    reading : Reading, optional
+        How another technique's numbers are read; ``reconstruction`` has no meaning then.
 
     Returns
     -------
@@ -177,7 +206,8 @@ def lamp_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", octa
     Notes
     -----
     Coefficients are filtered bilinearly, which filters optical depth, since all texels share one range; then
-    `froxel_ref.fom.transmittance` at the distance from the light. "resolved" finds each texel's extinction first
+    `froxel_ref.fom.transmittance` at the distance from the light. Filtered moments are those of the mean of what lies
+    on the four rays. "resolved" finds each texel's extinction first
     (`froxel_ref.fom_resolved`), and filters the optical depths of the four. Beyond the map's depths the nearest is
     taken.
 
@@ -189,8 +219,9 @@ def lamp_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", octa
     >>> float(see((np.array(5.0), np.array(0.0), np.array(0.0))).round(6))  # half way: e^−½
     0.606531
     """
-    planes, decode = opacity_map.coefficients[0], _decode(reconstruction)
-    resolved = reconstruction == "resolved"
+    planes, plain = opacity_map.coefficients[0], reading is None
+    resolved = plain and reconstruction == "resolved"
+    read = reading or _reading(reconstruction)
     near, far = float(opacity_map.near.flat[0]), float(opacity_map.far.flat[0])
     alike = bool((planes == planes[:, :1, :1]).all())
     if not far > near or (alike and not planes.any()):
@@ -199,8 +230,8 @@ def lamp_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", octa
         planes = opacity_map.without_ringing[0]
     origin = _origin(opacity_map.matrix[0])
     if alike:  # nothing varies with direction
-        few = planes[:2] if not (resolved or planes[2:].any()) else planes
-        return lambda points, normal=None: _passed(decode(
+        few = planes[:2] if plain and not (resolved or planes[2:].any()) else planes
+        return lambda points, normal=None: _passed(read.depth(
             few[:, 0, 0].reshape(-1, *(1,) * points[0].ndim),
             _share(_away(origin, points)[1], np.asarray(near), np.asarray(far))))
     sign = 1.0 if octahedron == "from_light" else -1.0
@@ -214,7 +245,7 @@ def lamp_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", octa
         x, y = locate(away)
         corners = _corners(x.reshape(-1), y.reshape(-1), planes.shape[-1])
         depth = _share(distance.reshape(-1), np.asarray(near), np.asarray(far))
-        tau = _read(planes, corners, depth, decode) if resolved else decode(_filtered(planes, corners), depth)
+        tau = _read(planes, corners, depth, read) if read.each else read.depth(_filtered(planes, corners), depth)
         return _passed(tau).reshape(shape)
 
     return see
@@ -256,7 +287,8 @@ def _on_plane(away: Points, *, matrix: Matrix, size: int) -> tuple[Field, Field]
 # --- suns -------------------------------------------------------------------------------------------
 
 
-def cascade_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", lookup: str = "per_texel") -> Sight:
+def cascade_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", lookup: str = "per_texel",
+                  reading: Reading | None = None) -> Sight:
     """What local media and particles let through of a sun's light.
 
     Parameters
@@ -268,6 +300,8 @@ def cascade_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", l
     lookup : {"per_texel", "filtered"}
         Each of the four texels read by its own range and the optical depths filtered; or the coefficients and the
         ranges filtered first, as a texture unit does it (S3). What is resolved is always read by texel.
+    reading : Reading, optional
+        As for `lamp_sight`.
 
     Returns
     -------
@@ -290,14 +324,14 @@ def cascade_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", l
     [1.0, 0.606531, 0.367879]
     """
     faces, _, size, _ = opacity_map.coefficients.shape
-    planes = opacity_map.coefficients.swapaxes(0, 1)
+    planes = np.ascontiguousarray(opacity_map.coefficients.swapaxes(0, 1))  # once, and not by every lookup
     near, far = (np.broadcast_to(end, (faces, size, size)).reshape(-1) for end in (opacity_map.near, opacity_map.far))
     if not (far > near).any():
         return _clear
-    decode = _decode(reconstruction)
-    read = _each if lookup == "per_texel" or reconstruction == "resolved" else _together
-    if reconstruction == "resolved":
-        planes = opacity_map.without_ringing.swapaxes(0, 1)
+    resolved = reading is None and reconstruction == "resolved"
+    how, read = reading or _reading(reconstruction), _each if lookup == "per_texel" or resolved else _together
+    if resolved:
+        planes = np.ascontiguousarray(opacity_map.without_ringing.swapaxes(0, 1))
 
     def see(points: Points, normal: Points | None = None) -> Field:
         shape = np.broadcast_shapes(*(p.shape for p in points))
@@ -311,7 +345,7 @@ def cascade_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", l
             inside = (np.abs(x - 0.5 * size) < reach) & (np.abs(y - 0.5 * size) < reach)
             if inside.any():
                 corners = _corners(x[inside], y[inside], size, face * size * size)
-                result[waiting[inside]] = _passed(read(planes, near, far, corners, t[inside], decode))
+                result[waiting[inside]] = _passed(read(planes, near, far, corners, t[inside], how))
             waiting = waiting[~inside]
             if not waiting.size:
                 break
@@ -320,7 +354,7 @@ def cascade_sight(opacity_map: OpacityMap, *, reconstruction: str = "fourier", l
     return see
 
 
-def _each(planes: Field, near: Field, far: Field, corners: Corners, t: Field, decode: Decode) -> Field:
+def _each(planes: Field, near: Field, far: Field, corners: Corners, t: Field, reading: Reading) -> Field:
     """Optical depth from each texel by its own range, then filtered."""
     flat = planes.reshape(len(planes), -1)
     total = np.zeros_like(t)
@@ -330,11 +364,11 @@ def _each(planes: Field, near: Field, far: Field, corners: Corners, t: Field, de
         if behind.size:
             some = index[behind]
             depth = _share(t[behind], begin[behind], end[behind])
-            total[behind] += weight[behind] * decode(flat.take(some, axis=1), depth)
+            total[behind] += weight[behind] * reading.at(flat, some, depth)
     return total
 
 
-def _together(planes: Field, near: Field, far: Field, corners: Corners, t: Field, decode: Decode) -> Field:
+def _together(planes: Field, near: Field, far: Field, corners: Corners, t: Field, reading: Reading) -> Field:
     """Coefficients and ranges filtered first; texels with nothing on their ray have no range and do not count."""
     dtype = t.dtype
     there = np.where(far > near, 1.0, 0.0).astype(dtype)
@@ -343,4 +377,4 @@ def _together(planes: Field, near: Field, far: Field, corners: Corners, t: Field
     with np.errstate(divide="ignore", invalid="ignore"):
         begin, end = begin / weight, end / weight
     depth = _share(t, begin, end)
-    return decode(_filtered(planes, corners), np.where(weight > 0.0, depth, 0.0))
+    return reading.depth(_filtered(planes, corners), np.where(weight > 0.0, depth, 0.0))

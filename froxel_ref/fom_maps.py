@@ -1,4 +1,4 @@
-"""Making Fourier opacity maps: tiles of lamps and cascades of suns, filled with what dims their texels' rays."""
+"""Making opacity maps: tiles of lamps and cascades of suns, filled with what dims their texels' rays."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from froxel_ref.billboard_shadows import Crossings, lamp_hits, sun_hits
 from froxel_ref.billboards import Particles, placed_particles
 from froxel_ref.density import Placed, place
 from froxel_ref.fom import PUBLISHED_LEAST_TRANSMITTANCE
-from froxel_ref.fom_lookup import planes_of
-from froxel_ref.fom_march import DITHER, Marching, Span, media_coefficients, media_span
+from froxel_ref.fom_codes import code_of
+from froxel_ref.fom_march import DITHER, Marching, Span, media_numbers, media_span
 from froxel_ref.fom_particles import KEPT, Crossed, add_crossings, casting, crossed, crossing_span
 from froxel_ref.fom_plan import (
     dimming_media,
@@ -200,7 +200,8 @@ def lamp_tiles(scene: Scene, settings: Settings, dimming: Dimming, lamps: Mappin
     ((8, 256, 256), [4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     """
     held = {i: each.tile for i, each in wanted.items() if each.tile is not None}
-    atlas = np.zeros((2 * settings.opacity_maps.harmonics + 2, *used_texels(wanted)), dtype)
+    atlas = np.zeros((settings.opacity_maps.channels, *used_texels(wanted)), dtype)
+    code = code_of(settings.opacity_maps)
     outs = [atlas[:, t.row:t.row + t.size, t.column:t.column + t.size] for t in held.values()]
     made: list[_Lamp | None] = [None] * len(held)
     spans = np.zeros((len(held), 1, 2))
@@ -219,7 +220,7 @@ def lamp_tiles(scene: Scene, settings: Settings, dimming: Dimming, lamps: Mappin
     def finish(k: int) -> None:
         near, far = spans[k, 0, :1], spans[k, 0, 1:]
         for _, crossings in every[k].particles():
-            add_crossings(every[k].target, crossings, near, far)
+            add_crossings(every[k].target, crossings, near, far, code=code)
         gutter = (outs[k].shape[-1] - every[k].target.shape[-1]) // 2
         if gutter:
             outs[k][...] = pad_octahedral(every[k].target.copy(), gutter)
@@ -273,7 +274,7 @@ def _lamp_matrix(light: PointLight, size: int, settings: Settings) -> Field:
 def _row_tasks(media: Mapping[int, Placed], extinction: Mapping[int, float], lines: Callable[[slice], Lines],
                span: Span, target: Field, settings: Settings, *, whole: bool) -> list[Callable[[], None]]:
     """Tasks that fill a map's rows with media; the result does not depend on how many there are to a task."""
-    size, how = target.shape[-1], _marching(settings)
+    size, how, code = target.shape[-1], _marching(settings), code_of(settings.opacity_maps)
     deep = max(1, RAYS // size)
 
     def fill(rows: slice) -> None:
@@ -281,10 +282,10 @@ def _row_tasks(media: Mapping[int, Placed], extinction: Mapping[int, float], lin
         part = Span(*(end if end.size == 1 else end.reshape(size, size)[rows].reshape(-1) for end in span))
         dither = np.broadcast_to(DITHER[np.arange(rows.start, rows.stop)[:, np.newaxis] % 4, np.arange(size) % 4],
                                  (rows.stop - rows.start, size)).reshape(-1)
-        made = media_coefficients(media, extinction, some, part, harmonics=settings.opacity_maps.harmonics,
-                                  marching=how, whole=whole, dither=dither, dtype=target.dtype)
-        made = np.broadcast_to(made, (*made.shape[:2], some.start.size))
-        target[:, rows] = planes_of(made).reshape(-1, rows.stop - rows.start, size)
+        made = media_numbers(media, extinction, some, part, code=code, marching=how, whole=whole, dither=dither,
+                             dtype=target.dtype)
+        made = np.broadcast_to(made, (len(made), some.start.size))
+        target[:, rows] = made.reshape(-1, rows.stop - rows.start, size)
 
     pieces = [slice(begin, min(begin + deep, size)) for begin in range(0, size, deep)]
     return [lambda rows=rows: fill(rows) for rows in pieces] if media else []  # type: ignore[misc]
@@ -346,7 +347,7 @@ def sun_cascades(scene: Scene, settings: Settings, dimming: Dimming, suns: Mappi
 
 def _cascade_task(light: DirectionalLight, view: LightRaster, dimming: Dimming, out: Field, ends: Field,
                   settings: Settings, keep: int) -> Callable[[], None]:
-    size = out.shape[-1]
+    size, code = out.shape[-1], code_of(settings.opacity_maps)
 
     def fill() -> None:
         lines = cascade_lines(view)
@@ -369,7 +370,7 @@ def _cascade_task(light: DirectionalLight, view: LightRaster, dimming: Dimming, 
         for task in _row_tasks(dimming.media, dimming.extinction, some, Span(near, far), out, settings, whole=False):
             task()
         for _, crossings in particles():
-            add_crossings(out, crossings, near, far)
+            add_crossings(out, crossings, near, far, code=code)
 
     return fill
 

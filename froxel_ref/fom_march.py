@@ -1,7 +1,7 @@
-"""Fourier coefficients of the media along a light's rays: in closed form where there is one, else by a march.
+"""What opacity maps hold of the media along a light's rays: in closed form where there is one, else by a march.
 
 Depths along a ray are in metres from the light (of a directional light, from its cascade's plane), and
-normalised to the range that the map covers before they enter a coefficient.
+normalised to the range that the map covers before they enter its numbers.
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from froxel_ref.arrays import Field, Points
 from froxel_ref.density import Placed, density_at
-from froxel_ref.fom import even_coefficients, falling_coefficients, segment_coefficients
+from froxel_ref.fom_codes import Code, fourier_code
+from froxel_ref.fom_lookup import pairs_of
 from froxel_ref.optical_depth import Lines, MediumPath, line_points, medium_path
 from froxel_ref.scene import LocalMedium
 
-__all__ = ["DITHER", "Marching", "Span", "media_coefficients", "media_span"]
+__all__ = ["DITHER", "Marching", "Span", "media_coefficients", "media_numbers", "media_span"]
 
 Integers: TypeAlias = NDArray[np.intp]
 
@@ -141,15 +142,51 @@ def media_coefficients(media: Mapping[int, Placed], extinction: Mapping[int, flo
     >>> float(full[0, 0, 0]), bool(np.abs(full[:, 1:]).max() < 1e-15)
     (2.0, True)
     """
+    return pairs_of(media_numbers(media, extinction, lines, span, code=fourier_code(harmonics), marching=marching,
+                                  whole=whole, dither=dither, dtype=dtype))
+
+
+def media_numbers(media: Mapping[int, Placed], extinction: Mapping[int, float], lines: Lines, span: Span, *,
+                  code: Code, marching: Marching | None = None, whole: bool = False, dither: Field | None = None,
+                  dtype: np.dtype[np.floating] | None = None) -> Field:
+    """What a technique's maps hold of all media along rays.
+
+    Parameters
+    ----------
+    media, extinction, lines, span, marching, whole, dither, dtype
+        As for `media_coefficients`.
+    code : Code
+        The technique, from `froxel_ref.fom_codes`.
+
+    Returns
+    -------
+    Field, shape (channels, n), or (channels, 1) where all rays are alike [1]
+
+    Notes
+    -----
+    Media are gathered as for `media_coefficients`. Of other techniques than Fourier's, points beyond the range's end
+    dim nothing, where a series that is periodic has them at its beginning.
+
+    Examples
+    --------
+    >>> from froxel_ref.density import place
+    >>> from froxel_ref.fom_codes import code_of
+    >>> from froxel_ref.settings import OpacityMaps
+    >>> fog = place(LocalMedium())
+    >>> lines = Lines(np.array([[0.0], [0.0], [4.0]]), np.array([[0.0], [0.0], [-1.0]]), np.zeros(1), np.full(1, 9.0))
+    >>> code = code_of(OpacityMaps(technique="slices", numbers=4))
+    >>> media_numbers({0: fog}, {0: 0.5}, lines, Span(np.full(1, 2.0), np.full(1, 6.0)), code=code).tolist()
+    [[0.0], [0.5], [1.0], [1.0]]
+    """
     how = marching or Marching()
     dtype = dtype or np.dtype(np.float64)
     count = lines.start.size
     if how.samples != "segments" and whole:
-        return _march_whole(media, extinction, lines, span, harmonics, how, dither, dtype)
-    total = np.zeros((2, harmonics + 1, 1), dtype)
+        return _march_whole(media, extinction, lines, span, code, how, dither, dtype)
+    total = np.zeros((code.channels, 1), dtype)
     for number, placed in media.items():
         if how.samples == "segments" and _everywhere(placed):
-            total = total + _uniform(extinction[number], span, harmonics, dtype)
+            total = total + _uniform(extinction[number], span, code, dtype)
             continue
         live, path = _met(placed, lines)
         if not live.size:
@@ -159,9 +196,9 @@ def media_coefficients(media: Mapping[int, Placed], extinction: Mapping[int, flo
         part = Lines(*(np.broadcast_to(field, (*field.shape[:-1], count))[..., live] for field in lines))
         near, far = (np.broadcast_to(end, count)[live] for end in span)
         if how.samples == "segments" and placed.texture is None:
-            piece = _closed(path, extinction[number], near, far, harmonics)
+            piece = _closed(path, extinction[number], near, far, code)
         else:
-            piece = _march(placed, path, extinction[number], part, Span(near, far), harmonics, how,
+            piece = _march(placed, path, extinction[number], part, Span(near, far), code, how,
                            None if dither is None else dither[live], dtype)
         total[..., live] += piece.astype(dtype, copy=False)
     return total
@@ -175,12 +212,10 @@ def _everywhere(placed: Placed) -> bool:
             and (fog is None or (fog.falloff == 0.0 and fog.max_height is None)))
 
 
-def _uniform(extinction: float, span: Span, harmonics: int, dtype: np.dtype[np.floating]) -> Field:
-    """A medium that fills the range has no harmonics."""
+def _uniform(extinction: float, span: Span, code: Code, dtype: np.dtype[np.floating]) -> Field:
+    """A medium that fills the range."""
     length = np.maximum(np.reshape(span.far - span.near, -1), 0.0)
-    result = np.zeros((2, harmonics + 1, len(length)), dtype)
-    result[0, 0] = 2.0 * extinction * np.where(np.isfinite(length), length, 0.0)
-    return result
+    return code.uniform(extinction * np.where(np.isfinite(length), length, 0.0)).astype(dtype, copy=False)
 
 
 def _met(placed: Placed, lines: Lines) -> tuple[Integers, MediumPath]:
@@ -195,11 +230,11 @@ def _normal(t: Field, near: Field, far: Field) -> Field:
     return np.minimum(np.maximum((t - near) / np.maximum(far - near, 1e-300), 0.0), 1.0)
 
 
-def _closed(path: MediumPath, extinction: float, near: Field, far: Field, harmonics: int) -> Field:
+def _closed(path: MediumPath, extinction: float, near: Field, far: Field, code: Code) -> Field:
     """A medium without a texture: where it is uniform, and where its height fog falls."""
-    flat = [_normal(t, near, far)[np.newaxis] for t in (path.flat_from, path.flat_to)]
-    tau = extinction * np.maximum(path.flat_to - path.flat_from, 0.0)[np.newaxis]
-    result = segment_coefficients(flat[0], np.maximum(flat[0], flat[1]), tau, harmonics=harmonics)
+    flat = [_normal(t, near, far) for t in (path.flat_from, path.flat_to)]
+    tau = extinction * np.maximum(path.flat_to - path.flat_from, 0.0)
+    result = code.stretches(flat[0], np.maximum(flat[0], flat[1]), tau)
     falls = np.flatnonzero(path.fall_to > path.fall_from)
     if falls.size:
         begin, end = path.fall_from[falls], path.fall_to[falls]
@@ -208,9 +243,8 @@ def _closed(path: MediumPath, extinction: float, near: Field, far: Field, harmon
         exponent = np.maximum(path.exponent[falls] + np.minimum(slope, 0.0) * (end - begin), 0.0)
         with np.errstate(under="ignore"):
             most = extinction * length * np.exp(-exponent)
-        ends = [_normal(t, near[falls], far[falls])[np.newaxis] for t in (begin, end)]
-        result[..., falls] += falling_coefficients(ends[0], np.maximum(ends[0], ends[1]), most[np.newaxis],
-                                                   (slope * length)[np.newaxis], harmonics=harmonics)
+        ends = [_normal(t, near[falls], far[falls]) for t in (begin, end)]
+        result[..., falls] += code.falling(ends[0], np.maximum(ends[0], ends[1]), most, slope * length)
     return result
 
 
@@ -240,17 +274,17 @@ def _offset(how: Marching, dither: Field | None) -> Field | float:
     return 0.0 if how.samples == "front" else 0.5
 
 
-def _march(placed: Placed, path: MediumPath, extinction: float, lines: Lines, span: Span, harmonics: int,
+def _march(placed: Placed, path: MediumPath, extinction: float, lines: Lines, span: Span, code: Code,
            how: Marching, dither: Field | None, dtype: np.dtype[np.floating]) -> Field:
     """One medium, marched along its own stretch of each ray."""
     def thickness(t: Field, points: Points, size: Field) -> Field:
         value, _ = density_at(placed, points, time=how.time, addressing=how.addressing)
         return np.broadcast_to(value, t.shape) * (extinction * size).astype(dtype)
 
-    return _marched(thickness, lines, path.enter, path.leave, span, harmonics, how, dither, dtype)
+    return _marched(thickness, lines, path.enter, path.leave, span, code, how, dither, dtype)
 
 
-def _march_whole(media: Mapping[int, Placed], extinction: Mapping[int, float], lines: Lines, span: Span, harmonics: int,
+def _march_whole(media: Mapping[int, Placed], extinction: Mapping[int, float], lines: Lines, span: Span, code: Code,
                  how: Marching, dither: Field | None, dtype: np.dtype[np.floating]) -> Field:
     """All media together, marched through the whole range of each ray."""
     def thickness(t: Field, points: Points, size: Field) -> Field:
@@ -261,15 +295,15 @@ def _march_whole(media: Mapping[int, Placed], extinction: Mapping[int, float], l
         return total * size.astype(dtype)
 
     near, far = (np.broadcast_to(end, lines.start.shape) for end in span)
-    return _marched(thickness, lines, near, np.maximum(far, near), Span(near, far), harmonics, how, dither, dtype,
+    return _marched(thickness, lines, near, np.maximum(far, near), Span(near, far), code, how, dither, dtype,
                     past_end=True)
 
 
 def _marched(thickness: Callable[[Field, Points, Field], Field], lines: Lines, begin: Field, end: Field, span: Span,
-             harmonics: int, how: Marching, dither: Field | None, dtype: np.dtype[np.floating], *,
+             code: Code, how: Marching, dither: Field | None, dtype: np.dtype[np.floating], *,
              past_end: bool = False) -> Field:
-    """The coefficients of steps from ``begin`` to ``end`` of each ray; a dithered one may lie past the end."""
-    result = np.zeros((2, harmonics + 1, lines.start.size), dtype)
+    """The numbers of steps from ``begin`` to ``end`` of each ray; a dithered one may lie past the end."""
+    result = np.zeros((code.channels, lines.start.size), dtype)
     near, width = span.near, np.maximum(span.far - span.near, 1e-300)
     for count, chosen in _groups(end - begin, how):
         offset = _offset(how, None if dither is None else dither[chosen])
@@ -280,7 +314,6 @@ def _marched(thickness: Callable[[Field, Points, Field], Field], lines: Lines, b
         tau = np.minimum(thickness(t, (x, y, z), size), how.most_tau)
         if how.samples == "dithered" and not past_end:
             tau = np.where(t < end[chosen], tau, 0.0)
-        result[..., chosen] = even_coefficients(
-            (first - near[chosen]) / width[chosen], size / width[chosen], tau, harmonics=harmonics,
-            filled=how.samples == "segments")
+        result[..., chosen] = code.steps((first - near[chosen]) / width[chosen], size / width[chosen], tau,
+                                         how.samples == "segments")
     return result

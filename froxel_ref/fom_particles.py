@@ -1,4 +1,4 @@
-"""What particles add to Fourier opacity maps: points of optical depth where the lights' rays cross them."""
+"""What particles add to opacity maps: points of optical depth where the lights' rays cross them."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from froxel_ref.arrays import Field
 from froxel_ref.billboard_shadows import Crossings
 from froxel_ref.billboards import Particles, reaches
-from froxel_ref.fom import sample_coefficients
-from froxel_ref.fom_lookup import planes_of
+from froxel_ref.fom_codes import Code, fourier_code
 
 __all__ = [
     "AT_ONCE", "CROSSING", "KEPT", "KEPT_CROSSING", "Crossed", "add_crossings", "casting", "crossed", "crossing_span",
@@ -154,18 +153,20 @@ def crossing_span(parts: Crossed, count: int, *, size: str = "edge") -> tuple[Fi
     return near, far
 
 
-def add_crossings(target: Field, crossings: Crossings, near: Field, far: Field) -> None:
-    """Add the coefficients of crossings to a map.
+def add_crossings(target: Field, crossings: Crossings, near: Field, far: Field, *, code: Code | None = None) -> None:
+    """Add the numbers of crossings to a map.
 
     Parameters
     ----------
-    target : Field, shape (2K + 2, rows, columns)
-        Changed in place: a_0, b_0, a_1, b_1, …
+    target : Field, shape (channels, rows, columns)
+        Changed in place.
     crossings : Crossings
         Of the rays through its texels, row by row.
     near, far : ndarray, shape (rows·columns,) or (1,) [m]
         The depths that the map covers. What lies beyond the far end dims nothing that is looked up, and what lies
         before the near end dims all of it.
+    code : Code, optional
+        Whose numbers they are. Default: a_0, b_0, a_1, b_1, … as many as there are channels.
 
     Examples
     --------
@@ -182,8 +183,7 @@ def add_crossings(target: Field, crossings: Crossings, near: Field, far: Field) 
         return
     width = end[some] - begin[some]
     depth = np.minimum(np.maximum((crossings.distance[some] - begin[some]) / width, 0.0), 1.0)
-    made = planes_of(sample_coefficients(depth[np.newaxis], crossings.tau[some].astype(np.float64)[np.newaxis],
-                                         harmonics=len(target) // 2 - 1))
-    for plane, values in zip(target, made, strict=True):  # which may be a view of an atlas
-        added = np.bincount(crossings.ray[some], weights=values, minlength=count)
+    code = code or fourier_code(len(target) // 2 - 1)
+    made = code.scatter(crossings.ray[some], depth, crossings.tau[some].astype(np.float64), count)
+    for plane, added in zip(target, made, strict=True):  # which may be a view of an atlas
         plane += added.reshape(plane.shape).astype(plane.dtype)

@@ -1,4 +1,4 @@
-"""Which lights have Fourier opacity maps, how large, and what a plan says of it."""
+"""Which lights have opacity maps, how large, and what a plan says of it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from froxel_ref.blocks import available_threads
+from froxel_ref.fom_codes import code_of
 from froxel_ref.fom_particles import AT_ONCE, CROSSING, KEPT, KEPT_CROSSING
 from froxel_ref.fom_views import Wanted, assign_tiles, lamp_reach
 from froxel_ref.geometry import bounding_radius
@@ -224,7 +225,7 @@ def meets(light: PointLight, medium: Medium, reach: float) -> bool:
 
 
 def needs_maps(scene: Scene, settings: Settings) -> tuple[bool, str]:
-    """Whether a frame needs Fourier opacity maps, and why.
+    """Whether a frame needs opacity maps, and why.
 
     Parameters
     ----------
@@ -298,7 +299,7 @@ def assigned_tiles(scene: Scene, settings: Settings) -> dict[int, Wanted]:
 
 
 def map_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
-    """What the stage does for this scene: tiles of the atlas, cascades; lamps that got less than they asked for.
+    """What the stage does for this scene: its technique, tiles of the atlas, cascades; lamps with less than they asked.
 
     Parameters
     ----------
@@ -313,7 +314,7 @@ def map_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     Examples
     --------
     >>> [part.why for part in map_parts(Scene(), Settings(volumetric_shadows="maps"))]
-    ['none that anything dims', 'none that a local medium or particle dims']
+    ['Fourier series, 8 numbers a texel', 'none that anything dims', 'none that a local medium or particle dims']
     """
     if settings.volumetric_shadows != "maps":
         return ()
@@ -321,7 +322,8 @@ def map_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
     suns = len(dimmed_suns(scene))
     sizes = [str(each.tile.size) for each in wanted.values() if each.tile is not None]
     held = ", ".join(f"{sizes.count(size)} of {size}²" for size in sorted(set(sizes), key=int, reverse=True))
-    parts = [Part("point and spot lights", bool(sizes), f"tiles of the {settings.opacity_maps.atlas}² atlas: {held}"
+    parts = [Part("technique", True, code_of(settings.opacity_maps).about),
+             Part("point and spot lights", bool(sizes), f"tiles of the {settings.opacity_maps.atlas}² atlas: {held}"
                   if sizes else "none that anything dims" if not wanted else "the atlas has no room")]
     parts.append(Part("directional lights", suns > 0, f"{suns * settings.shadow_maps.cascades} cascades"
                       if suns else "none that a local medium or particle dims"))
@@ -335,7 +337,7 @@ def map_parts(scene: Scene, settings: Settings) -> tuple[Part, ...]:
 
 
 def faces_shape(settings: Settings) -> tuple[int, int, int, int]:
-    """Shape of a directional light's coefficients.
+    """Shape of a directional light's numbers.
 
     Parameters
     ----------
@@ -352,7 +354,7 @@ def faces_shape(settings: Settings) -> tuple[int, int, int, int]:
     (4, 8, 256, 256)
     """
     maps = settings.opacity_maps
-    return settings.shadow_maps.cascades, 2 * maps.harmonics + 2, maps.directional_size, maps.directional_size
+    return settings.shadow_maps.cascades, maps.channels, maps.directional_size, maps.directional_size
 
 
 def used_texels(wanted: Mapping[int, Wanted]) -> tuple[int, int]:

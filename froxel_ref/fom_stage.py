@@ -1,4 +1,4 @@
-"""The fom stage bound to a frame: which lights have Fourier opacity maps, the maps by name, what lights see by them."""
+"""The fom stage bound to a frame: which lights have opacity maps, the maps by name, what lights see by them."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import DTypeLike
 from froxel_ref.arrays import Field, Points, Sight, Visibility
 from froxel_ref.assets import Assets
 from froxel_ref.billboard_shadows import points_transmittance
+from froxel_ref.fom_codes import code_of
 from froxel_ref.fom_lookup import OpacityMap, cascade_sight, lamp_sight, pairs_of
 from froxel_ref.fom_maps import Dimming, lamp_tiles, make_dimming, sun_cascades
 from froxel_ref.fom_plan import (
@@ -29,7 +30,6 @@ from froxel_ref.jobs import Same
 from froxel_ref.light_paths import light_transmittance
 from froxel_ref.scene import DirectionalLight, Medium, NoiseDensity, PointLight, Scene
 from froxel_ref.settings import Settings
-from froxel_ref.storage import store_series
 
 __all__ = ["LAMPS", "SUNS", "empty_maps", "exact_sights", "map_keys", "map_sights", "opacity_maps"]
 
@@ -45,7 +45,7 @@ SUNS = ("fom/directional_light", "fom/directional_range", "fom/directional_matri
 
 def opacity_maps(scene: Scene, settings: Settings, assets: Assets, *, dtype: DTypeLike = np.float64,
                  threads: int | None = None, known: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Make the Fourier opacity maps of a scene.
+    """Make the opacity maps of a scene.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def opacity_maps(scene: Scene, settings: Settings, assets: Assets, *, dtype: DTy
     Notes
     -----
     A lamp's texels look along the rays from it [Dörries 2020, §3.3.3], a directional light's through its cascades
-    [§3.3.4]; see `froxel_ref.fom_maps`.
+    [§3.3.4]; see `froxel_ref.fom_maps`. ``coefficients`` are the technique's numbers (`froxel_ref.fom_codes`).
 
     Examples
     --------
@@ -94,7 +94,7 @@ def opacity_maps(scene: Scene, settings: Settings, assets: Assets, *, dtype: DTy
         if stored in known:
             continue
         if settings.opacity_maps.storage == "float16":
-            results[stored] = store_series(results[stored], "float16", axis=-3)
+            results[stored] = code_of(settings.opacity_maps).store(results[stored])
         results[resolved] = _resolved(results[stored], settings, dtype, threads)
     for array in results.values():
         array.flags.writeable = False  # they may be handed on to the next frame
@@ -204,7 +204,7 @@ def map_sights(results: Mapping[str, Any], scene: Scene, settings: Settings) -> 
     {}
     """
     found: dict[int, Sight] = {}
-    maps = settings.opacity_maps
+    maps, reading = settings.opacity_maps, code_of(settings.opacity_maps).reading
     lights = scene.all_lights
     numbers, tiles, span, matrix, atlas, resolved = (results[name] for name in LAMPS)
     for number, [(row, column, size)], ends, each in zip(numbers.tolist(), tiles.tolist(), span, matrix, strict=True):
@@ -215,11 +215,11 @@ def map_sights(results: Mapping[str, Any], scene: Scene, settings: Settings) -> 
         found[number] = lamp_sight(
             OpacityMap(kind, tile[np.newaxis], ends[:, 0], ends[:, 1], each, map_border(light, settings),
                        resolved[np.newaxis, :, row:row + size, column:column + size] if resolved.size else None),
-            reconstruction=maps.reconstruction, octahedron=settings.fom_octahedron)
+            reconstruction=maps.reconstruction, octahedron=settings.fom_octahedron, reading=reading)
     for number, ends, each, planes, resolved in zip(*(results[name] for name in SUNS), strict=True):
         found[int(number)] = cascade_sight(
             OpacityMap("directional", planes, ends[:, 0], ends[:, 1], each, 1, resolved if resolved.size else None),
-            reconstruction=maps.reconstruction, lookup=settings.fom_lookup)
+            reconstruction=maps.reconstruction, lookup=settings.fom_lookup, reading=reading)
     return found
 
 

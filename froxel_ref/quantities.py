@@ -55,13 +55,15 @@ QUANTITIES: dict[str, Quantity] = {
     "fom/tile": Quantity("mfa", "1", "row, column and size of its tile in the atlas"),
     "fom/range": Quantity("mfe", "m", "distances from the light that its map covers"),
     "fom/matrix": Quantity("mfij", "1", "of spot lights from the world to texels times depth, and depth"),
-    "fom/coefficients": Quantity("cpq", "1", "the atlas: a_0, b_0, a_1, b_1, … of extinction along the texels' rays"),
+    "fom/coefficients": Quantity("cpq", "1", "the atlas: a_0, b_0, a_1, b_1, … of extinction along the texels' rays, "
+                                             "or another technique's numbers"),
     "fom/resolved": Quantity("cpq", "1", "what each texel of the atlas is read by without ringing; reconstruction "
                                          "resolved only"),
     "fom/directional_light": Quantity("m", "1", "index of each directional light that has maps"),
     "fom/directional_range": Quantity("mfepq", "m", "nearest and farthest medium on the rays of each cascade's texels"),
     "fom/directional_matrix": Quantity("mfij", "1", "from the world to texels and depth"),
-    "fom/directional_coefficients": Quantity("mfcpq", "1", "a_0, b_0, a_1, b_1, … along the rays of each cascade"),
+    "fom/directional_coefficients": Quantity("mfcpq", "1", "a_0, b_0, a_1, b_1, … along the rays of each cascade, "
+                                                            "or another technique's numbers"),
     "fom/directional_resolved": Quantity("mfcpq", "1", "the same of each cascade's texels"),
     "surface/depth": Quantity("yx", "m", "view depth of the nearest surface, infinite where there is none"),
     "surface/normal": Quantity("cyx", "1", "unit normal of that surface in world space, towards the camera"),

@@ -11,6 +11,9 @@ from froxel_ref.records import InputError, Record
 from froxel_ref.scene import LONGEST, SHORTEST, SIZE
 
 DISTRIBUTIONS = ("exponential", "linear")
+# Numbers of an opacity map's texel unless given: with half floats sixteen bytes, or fourteen.
+NUMBERS = {"slices": 8, "cosine": 8, "power": 7, "trigonometric": 7}
+MOMENTS = {"power": "4, 6 or 8 power moments", "trigonometric": "2, 3 or 4 trigonometric ones, two numbers each"}
 PHASE_FUNCTIONS = ("henyey_greenstein", "isotropic", "rayleigh", "schlick", "cornette_shanks",
                    "two_lobe_henyey_greenstein")
 
@@ -233,8 +236,19 @@ class ShadowMaps(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class OpacityMaps(Record):
-    """Fourier opacity maps: their sizes, how they are made, and how transmittance is read from them."""
+    """Opacity maps: what they hold, their sizes, how they are made, and how transmittance is read from them."""
 
+    technique: str = choice(
+        "fourier", "slices", "cosine", "power", "trigonometric", default="fourier",
+        about="what a texel holds: Fourier coefficients of extinction [Jansen 2010]; optical depth at even depths "
+              "[Kim 2001]; cosine coefficients [Gautron 2011]; power or trigonometric moments [Münstermann 2018]")
+    numbers: int | None = integer(
+        None, "how many numbers a texel holds, unless they are Fourier coefficients, of which harmonics says it: by "
+              "default 8 slices, 8 cosines, 7 of 6 power moments, or 7 of 3 trigonometric ones",
+        optional=True, at_least=1, at_most=256)
+    overestimation: float = number(
+        0.25, "moments: how far from the lower bound of optical depth to the upper one it is taken [Münstermann 2018]",
+        at_least=0.0, at_most=1.0)
     harmonics: int = integer(
         3, "K, two coefficients each and two more [Jansen 2010]; 0: the whole optical depth, linear over the range",
         at_least=0, at_most=32)
@@ -257,9 +271,23 @@ class OpacityMaps(Record):
     step: float = number(0.05, "longest step of a march, unless there are too many", **SIZE)
     most_steps: int = integer(64, "steps of a march at most", at_least=1, at_most=65536)
     storage: str = choice("full", "float16", default="full",
-                          about="coefficients as computed, or as the thesis's RGBA16F textures hold them")
+                          about="numbers as computed, or as the thesis's RGBA16F textures hold them")
+
+    @property
+    def channels(self) -> int:
+        """Numbers of a texel."""
+        return 2 * self.harmonics + 2 if self.technique == "fourier" else self.numbers or NUMBERS[self.technique]
 
     def check_together(self) -> None:
+        if self.technique == "fourier" and self.numbers is not None:
+            raise InputError("numbers", f"is {self.numbers} with technique=fourier, must be left out: harmonics says "
+                                        "how many")
+        if self.technique in MOMENTS and self.channels not in (5, 7, 9):
+            raise InputError("numbers", f"is {self.numbers} with technique={self.technique}, must be 5, 7 or 9: the "
+                                        f"whole, and {MOMENTS[self.technique]}")
+        if self.technique != "fourier" and self.reconstruction != "fourier":
+            raise InputError("reconstruction", f"is {self.reconstruction} with technique={self.technique}, must be "
+                                               "left out: it is of Fourier coefficients")
         for name in ("small", "large", "atlas", "smallest"):
             value = getattr(self, name)
             if value & (value - 1):
@@ -371,7 +399,7 @@ class Settings(Record):
     shadow_maps: ShadowMaps = nested(ShadowMaps, default=ShadowMaps(), about="for shadows by maps")
     volumetric_shadows: str = choice(
         "maps", "exact", "off", default="off",
-        about="shadows of media and particles: by Fourier opacity maps, along a ray from every point, or none")
+        about="shadows of media and particles: by opacity maps, along a ray from every point, or none")
     opacity_maps: OpacityMaps = nested(OpacityMaps, default=OpacityMaps(), about="for volumetric shadows by maps")
     particles_lit_at: str = choice(
         "pixel", "centre", default="pixel",

@@ -389,7 +389,8 @@ def test_bad_sizes_are_refused_by_name(field: str, value: object, words: str) ->
 def test_the_hall_has_nine_tiles_and_four_cascades() -> None:
     loaded = scene_files.load("thesis-hall")
     made = plan(loaded.scene, replace(loaded.settings, volumetric_shadows="maps"))
-    assert [part.why for part in made["fom"].parts] == ["tiles of the 2048² atlas: 9 of 256²", "4 cascades"]
+    assert [part.why for part in made["fom"].parts] == ["Fourier series, 8 numbers a texel",
+                                                    "tiles of the 2048² atlas: 9 of 256²", "4 cascades"]
     assert len(dimmed_lamps(loaded.scene, loaded.settings)) == 9
     assert len(dimmed_suns(loaded.scene)) == 1
 
