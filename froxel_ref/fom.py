@@ -214,7 +214,7 @@ def falling_coefficients(start: Field, stop: Field, most: Field, slope: Field, *
         left, lost = np.exp(-x), -np.expm1(-x)
     ends = _multiples(*_turn(np.where(falls, start, stop)), harmonics)
     halves = _multiples(*_turn(0.5 * length), harmonics)
-    total = [np.sum(scale * np.where(x > 0.0, lost / np.maximum(x, TINY), 1.0), axis=0)]
+    total = [np.sum(scale * np.where(x > TINY, lost / np.maximum(x, TINY), 1.0), axis=0)]
     turned = [np.zeros_like(total[0])]
     for (k, sine, cosine), (_, s, c) in zip(ends, halves, strict=True):
         # φ = (e^w − 1)/w with w = −x + iy, of the half angle y/2, so that e^{iy} − 1 = 2i·s·e^{iy/2} keeps its digits.

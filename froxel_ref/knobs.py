@@ -184,14 +184,22 @@ def _shadows(settings: Settings) -> list[Step]:
 def _opacity(settings: Settings) -> list[Step]:
     """Harmonics, readings, sizes and kinds of opacity maps; rays instead of maps."""
     maps = settings.opacity_maps
-    steps = [Step(f"K={k}", (f"opacity_maps.harmonics={k}",), quick=k in (1, 7)) for k in (1, 2, 3, 5, 7, 15)]
-    steps += [Step(name, (f"opacity_maps.reconstruction={name}",), quick=name == "resolved")
+    series = () if maps.technique == "fourier" else ("opacity_maps.numbers=null", "opacity_maps.technique=fourier")
+    steps = [Step(f"K={k}", (*series, f"opacity_maps.harmonics={k}"), quick=k in (1, 7)) for k in (1, 2, 3, 5, 7, 15)]
+    steps += [Step(name, (*series, f"opacity_maps.reconstruction={name}"), quick=name == "resolved")
               for name in ("lanczos", "resolved")]
     for share in map(Fraction, ("1/2", "2")):
         sizes = {name: min(LARGEST_MAP, int(getattr(maps, name) * share))
                  for name in ("small", "large", "atlas", "smallest", "directional_size")}
         if sizes["smallest"] >= max(8, 3 * maps.gutter):
             steps.append(Step(f"tiles x{share}", tuple(f"opacity_maps.{name}={n}" for name, n in sizes.items())))
+    rivals = (("slices", 8, True), ("slices", 32, False), ("cosine", 8, False), ("cosine", 16, False),
+              ("power", 7, True), ("trigonometric", 7, False))
+    for kind, numbers, quick in rivals:
+        # Readings that only a Fourier series has are not kept.
+        steps.append(Step(f"{kind} {numbers}", (
+            "opacity_maps.reconstruction=fourier", f"opacity_maps.technique={kind}", f"opacity_maps.numbers={numbers}"),
+            quick=quick))
     return [*steps, Step("float16", ("opacity_maps.storage=float16",)), Step("exact", ("volumetric_shadows=exact",))]
 
 

@@ -426,7 +426,7 @@ STAGES: tuple[Stage, ...] = (
     Stage("shadow", "maps of what surfaces hide from each light", (), _SHADOW, shadow_stage.needs_maps,
           lambda job: shadow_stage.empty_maps(job.settings, job.dtype), _run_shadow, _shadow_parts,
           lambda job: shadow_stage.map_keys(job.scene, job.settings, job.assets)),
-    Stage("fom", "Fourier opacity maps: what media and particles let through of each light", (), _FOM,
+    Stage("fom", "opacity maps: what media and particles let through of each light", (), _FOM,
           fom_plan.needs_maps, lambda job: fom_stage.empty_maps(job.settings, job.dtype), _run_fom, fom_plan.map_parts,
           lambda job: fom_stage.map_keys(job.scene, job.settings, job.assets)),
     Stage("surface", "the nearest opaque surface and its Lambert shading", (*_SHADOW, *_FOM), _SURFACE,

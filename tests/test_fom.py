@@ -279,3 +279,12 @@ def test_the_type_of_the_inputs_is_the_type_of_the_result(dtype):
         assert coefficients.dtype == dtype
         for lanczos in (False, True):
             assert optical_depth(coefficients, start[0], lanczos=lanczos).dtype == dtype
+
+
+@pytest.mark.parametrize("slope", [1e-300, 1e-60, 1e-38, 1e-20])
+def test_a_slope_next_to_none_is_none(slope: float) -> None:
+    """Extinction that falls by nothing over the range has the coefficients of a constant one: here to 4 ulp."""
+    start, stop, most = np.array([0.2]), np.array([0.7]), np.array([3.0])
+    found = falling_coefficients(start, stop, most, np.array([slope]))
+    constant = segment_coefficients(start, stop, most * (stop - start))
+    assert np.abs(found - constant).max() <= 4.0 * np.finfo(float).eps * constant[0, 0, 0]
