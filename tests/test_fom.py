@@ -287,4 +287,4 @@ def test_a_slope_next_to_none_is_none(slope: float) -> None:
     start, stop, most = np.array([0.2]), np.array([0.7]), np.array([3.0])
     found = falling_coefficients(start, stop, most, np.array([slope]))
     constant = segment_coefficients(start, stop, most * (stop - start))
-    assert np.abs(found - constant).max() <= 4.0 * np.finfo(float).eps * constant[0, 0, 0]
+    assert np.abs(found - constant).max() <= 4.0 * np.finfo(float).eps * constant[0, 0]
