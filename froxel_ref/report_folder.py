@@ -49,14 +49,14 @@ def _foreign(folder: Path) -> str | None:
     return strange[0] if strange else None
 
 
-def run_report(prepared: Prepared, folder: Path, *, force: bool = False, resume: bool = False, tell: Tell | None = None
+def run_report(prepared: Prepared, folder: Path | str, *, force: bool = False, resume: bool = False, tell: Tell | None = None
                ) -> Report:
     """Measure into a folder and write the report there.
 
     Parameters
     ----------
     prepared : Prepared
-    folder : Path
+    folder : Path or str
         Made if it is not there.
     force, resume : bool
         As for `check_target`.
@@ -76,6 +76,7 @@ def run_report(prepared: Prepared, folder: Path, *, force: bool = False, resume:
     -----
     Every measurement is on disk as soon as it is made: interrupted at any moment, it can be gone on with.
     """
+    folder = Path(folder)
     check_target(folder, force=force, resume=resume)
     if resume:
         done = report_log.read(folder, prepared.header)
