@@ -49,8 +49,8 @@ def _foreign(folder: Path) -> str | None:
     return strange[0] if strange else None
 
 
-def run_report(prepared: Prepared, folder: Path | str, *, force: bool = False, resume: bool = False, tell: Tell | None = None
-               ) -> Report:
+def run_report(prepared: Prepared, folder: Path | str, *, force: bool = False, resume: bool = False,
+               tell: Tell | None = None) -> Report:
     """Measure into a folder and write the report there.
 
     Parameters
