@@ -181,7 +181,9 @@ class _Log(NamedTuple):
         """Powers of ten, or of these 1, 2 and 5, at least so many pixels apart."""
         decade = abs(self.end - self.start) / (self.high - self.low)
         inside = range(math.floor(self.low), math.ceil(self.high) + 1)
-        if 0.3 * decade >= apart:
+        if 0.125 * decade >= apart:
+            values = [m * 10.0**k for k in inside for m in (1, 1.5, 2, 3, 5, 7)]
+        elif 0.3 * decade >= apart:
             values = [m * 10.0**k for k in inside for m in (1, 2, 5)]
         elif 0.47 * decade >= apart:
             values = [m * 10.0**k for k in inside for m in (1, 3)]
@@ -195,9 +197,10 @@ def _power(value: float) -> str:
     """A tick: 0.05, 20, 10⁻⁷."""
     power = math.floor(math.log10(value) + 1e-9)
     if -4 <= power <= 4:
-        return f"{value:,.{max(0, -power)}f}".replace(",", "\u202f")
-    times = round(value / 10.0**power)
-    return ("" if times == 1 else f"{times}×") + f"10{str(power).translate(_RAISED)}"
+        more = 0 if abs(value / 10.0**power % 1.0 - 0.5) > 0.1 else 1  # 1.5
+        return f"{value:,.{max(0, more - power)}f}".replace(",", "\u202f")
+    times = f"{value / 10.0**power:.2g}"
+    return ("" if times == "1" else f"{times}×") + f"10{str(power).translate(_RAISED)}"
 
 
 def front_of(points: Sequence[Point], norm: str = "relmse") -> dict[int, str]:
@@ -395,18 +398,27 @@ def _labels(anchors: Field, sizes: Field, things: Field, weights: Field, area: t
         crossed = _inside(leaders[:, i, :, None, :], others).sum(axis=(1, 2)) + _inside(ways, boxes[:, i, None]).sum(1)
         return np.asarray(clash.sum(axis=1) + 200.0 * (clash > 0.0).sum(axis=1) + 12.0 * crossed)
 
-    best, least = np.zeros(len(anchors), np.intp), math.inf
-    for order in (every, every[::-1]):
-        chosen = np.argmin(cost, axis=0)
-        for _ in range(30):
+    def settled(chosen: NDArray[np.intp], order: NDArray[np.intp], most: int) -> tuple[NDArray[np.intp], float]:
+        """Each in turn takes its best place, until none moves; and what all cost then."""
+        for _ in range(most):
             before = chosen.copy()
             for i in map(int, order):
                 chosen[i] = np.argmin(cost[:, i] + clashes(i, chosen))
             if np.array_equal(before, chosen):
                 break
-        total = float(sum(cost[chosen[i], i] + 0.5 * clashes(i, chosen)[chosen[i]] for i in range(len(anchors))))
-        if total < least:
-            best, least = chosen, total
+        total = sum(cost[chosen[i], i] + 0.5 * clashes(i, chosen)[chosen[i]] for i in range(len(anchors)))
+        return chosen, float(total)
+
+    start = np.argmin(cost, axis=0)
+    best, least = min((settled(start.copy(), order, 30) for order in (every, every[::-1])), key=lambda found: found[1])
+    for i in np.argsort(cost.min(axis=0) - cost[best, every]):  # those that others pushed away push back
+        for wish in np.argsort(cost[:, i], kind="stable")[:3]:
+            if cost[best[i], i] > cost[wish, i] + 4.0:
+                trial = best.copy()
+                trial[i] = wish
+                trial, total = settled(trial, np.append(every[every != i], i), 3)
+                if total < least - 1e-9:
+                    best, least = trial, total
     placed = boxes[best, every]
     clash = _overlap(placed[:, None], placed[None])
     np.fill_diagonal(clash, 0.0)
@@ -438,7 +450,7 @@ def figure_error(report: Report, width: float = WIDE, *, norm: str = "relmse") -
     ----------
     report : Report
     width : float [in]
-        Below some 8 in, labels are numbers with a key beneath.
+        Below some 8 in, more than six labels are numbers with a key beneath.
     norm : str
         "relmse" or "flip".
 
@@ -486,7 +498,7 @@ def _figure_error(report: Report, width: float, norm: str) -> Figure:
         _draw_spot(sheet, points[spot.place], spot, front.get(spot.place), look[points[spot.place].knob])
     y = _name_spots(sheet, points, spots, front, stairs, floor, frame, bottom + 48.0, _recommended(report))
     recommended = any(points[i].id == _recommended(report) for i in shown)
-    y = _key(sheet, points, spots, look, y, bool(front), recommended)
+    y = _key(sheet, points, spots, look, y, front, recommended)
     missing = len(points) - len(shown)
     if missing:
         said = "point has" if missing == 1 else "points have"
@@ -649,14 +661,14 @@ def _name_spots(sheet: _Sheet, points: Sequence[Point], spots: Sequence[_Spot], 
     bars = np.array([(s.x, s.y - 3.0, s.end, s.y + 3.0) for s in named if s.end > s.x]).reshape(-1, 4)
     steps = _along(*stairs)
     things = np.concatenate([np.concatenate([middles - reach, middles + reach], axis=1), bars, steps, floor])
-    weights = np.concatenate([np.where(reach[:, 0] > 4.0, 3.0, 0.8), np.full(len(bars), 0.5), np.full(len(steps), 0.4),
+    weights = np.concatenate([np.where(reach[:, 0] > 4.0, 3.0, 0.8), np.full(len(bars), 0.5), np.full(len(steps), 0.8),
                               np.full(len(floor), 2.0)])
     x0, y0, x1, y1 = frame
     area = (x0 + 3.0, y0 + 3.0, x1 - 3.0, y1 - 3.0)
     words = [_called(points[s.place]) for s in named]
-    numbered = sheet.narrow or len(named) > 24
+    numbered = len(named) > (6 if sheet.narrow else 24)
     if not numbered:
-        full = [sheet.cut(word, 190.0) for word in words]
+        full = [sheet.cut(word, 150.0 if sheet.narrow else 190.0) for word in words]
         boxes, apart = _labels(anchors, _extent(sheet, full), things, weights, area)
         numbered = not apart
     if numbered:
@@ -704,13 +716,14 @@ def _numbers(sheet: _Sheet, named: Sequence[_Spot], words: Sequence[str], y: flo
 
 
 def _key(sheet: _Sheet, points: Sequence[Point], spots: Sequence[_Spot], looks: Mapping[str, tuple[str, str]], y: float,
-         front: bool, recommended: bool) -> float:
+         front: Mapping[int, str], recommended: bool) -> float:
     """What shapes, colours and fillings mean, flowing over as many lines as it takes."""
     x, pitch = 4.0, sheet.size * 1.65
     knobs = dict.fromkeys(points[s.place].knob for s in spots if not s.failed and points[s.place].knob != "base")
     signs = [("base: what all others start from", "base")] * any(points[s.place].knob == "base" for s in spots)
-    signs += [("on the front", "certain"), ("perhaps on the front", "possible"),
-              ("another is better", "dominated")] * front
+    said = {"certain": "on the front", "possible": "perhaps on the front", "": "another is better"}
+    members = {front.get(s.place, "") for s in spots if not s.failed}
+    signs += [(words, member or "dominated") for member, words in said.items() if member in members]
     signs += [("least to median of the runs", "bar")] * any(s.end > s.x for s in spots)
     signs += [("failed", "failed")] * any(s.failed for s in spots)
     signs += [("recommended", "bold")] * recommended
@@ -784,14 +797,15 @@ def _bars(sheet: _Sheet, rows: Sequence[_Row], heads: Sequence[str], y: float, l
         for length, colour in row.pieces:
             if not math.isfinite(length) or length == 0.0:
                 continue
+            edge = "paper" if abs(length) * scale > 2.0 else colour
             if length > 0.0:
                 sheet.box(over, middle - thick / 2.0, over + length * scale, middle + thick / 2.0, colour)
                 over += length * scale
-                sheet.line([over, over], [middle - thick / 2.0, middle + thick / 2.0], "paper", 0.8)
+                sheet.line([over, over], [middle - thick / 2.0, middle + thick / 2.0], edge, 0.8)
             else:
                 sheet.box(under + length * scale, middle - thick / 2.0, under, middle + thick / 2.0, colour)
                 under += length * scale
-                sheet.line([under, under], [middle - thick / 2.0, middle + thick / 2.0], "paper", 0.8)
+                sheet.line([under, under], [middle - thick / 2.0, middle + thick / 2.0], edge, 0.8)
         if math.isfinite(row.mark):
             at = zero + min(max(row.mark, low), high) * scale
             sheet.line([at, at], [middle - thick / 2.0 - 4.0, middle + thick / 2.0 + 4.0], "paper", 4.0, order=3.0)
@@ -895,16 +909,20 @@ def figure_stages(report: Report, width: float = WIDE, *, most: int = 16) -> Fig
     with _plain_settings():
         sheet = _Sheet(width)
         rows = []
+        apart = _times(front[-1])[0] > 30.0 * _times(front[0])[0]  # too far to be seen beside each other: shares
         for point in front:
-            pieces = [(1e3 * point.stages.get(name, 0.0), SERIES[i]) for i, name in enumerate(names)]
-            others = 1e3 * _times(point)[0] - sum(v for v, _ in pieces if math.isfinite(v))
+            unit = _times(point)[0] if apart else 1.0
+            pieces = [(point.stages.get(name, 0.0) / unit, SERIES[i]) for i, name in enumerate(names)]
+            others = _times(point)[0] / unit - sum(v for v, _ in pieces if math.isfinite(v))
             rows.append(_Row(_called(point), (*pieces, (max(others, 0.0), "edge")), math.nan,
                              (milliseconds(_times(point)[0]), number(point.errors.relmse))))
         high = max(sum(v for v, _ in row.pieces if math.isfinite(v)) for row in rows)
-        sheet.text(4.0, 13.0, "What stages take, along the front", bold=True, big=not sheet.narrow)
+        title = "What stages take of each frame" if apart else "What stages take"
+        sheet.text(4.0, 13.0, f"{title}, along the front", bold=True, big=not sheet.narrow)
         y = _bars(sheet, rows, ("time [ms]", "relMSE"), 36.0, 0.0, high)
         entries = [(name, SERIES[i]) for i, name in enumerate(names)]
-        return sheet.finish(_legend(sheet, [*entries, ("all else", "edge")], y + 12.0) + 2.0)
+        entries += [("all else", "edge")] * any(row.pieces[-1][0] > 1e-3 * high for row in rows)
+        return sheet.finish(_legend(sheet, entries, y + 12.0) + 2.0)
 
 
 def figure_planned(report: Report, width: float = WIDE) -> Figure | None:

@@ -40,7 +40,7 @@ class Read(html.parser.HTMLParser):
         super().__init__()
         self.words, self.links, self.ids, self.faults = [], [], [], []
         self.open: list[str] = []
-        self.feed(text)
+        self.feed(text.replace("<wbr>", ""))  # where a name may break, and still is one word
         self.text = re.sub(r"\s+", " ", " ".join(self.words))
 
     def handle_starttag(self, tag, attributes):
