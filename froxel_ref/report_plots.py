@@ -387,31 +387,65 @@ def _labels(anchors: Field, sizes: Field, things: Field, weights: Field, area: t
     wrong = _inside(anchors, (boxes + np.array([-8.0, -5.0, 8.0, 5.0]))[:, :, None, :])  # would seem to be another's
     wrong[:, np.arange(len(anchors)), np.arange(len(anchors))] = False
     cost = cost + 1e3 * outside + 45.0 * wrong.sum(axis=2)
-    near = np.clip(anchors, boxes[..., :2], boxes[..., 2:])
-    leaders = anchors[:, None, :] + np.linspace(0.2, 1.0, 7)[:, None] * (near - anchors)[:, :, None, :]
     every = np.arange(len(anchors))
+    best = np.argsort(cost, axis=0, kind="stable")[:80]  # the rest is far away
+    cost, boxes, outside = (np.take_along_axis(values, best.reshape(best.shape + (1,) * (values.ndim - 2)), axis=0)
+                            for values in (cost, boxes, outside))
+    best = _chosen(cost, _between(anchors, boxes))
+    placed = boxes[best, every]
+    clash = _overlap(placed[:, None], placed[None])
+    np.fill_diagonal(clash, 0.0)
+    return placed, not bool(clash.any()) and not bool((outside[best, every] > 0.5).any())
 
-    def clashes(i: int, chosen: NDArray[np.intp]) -> Field:
-        """What each place of label i costs beside the places that the others have."""
-        others, ways = boxes[chosen, every][every != i], leaders[chosen, every][every != i].reshape(-1, 2)
-        clash = _overlap(boxes[:, i, None, :], others[None] + np.array([-2.0, -1.0, 2.0, 1.0]))
-        crossed = _inside(leaders[:, i, :, None, :], others).sum(axis=(1, 2)) + _inside(ways, boxes[:, i, None]).sum(1)
-        return np.asarray(clash.sum(axis=1) + 200.0 * (clash > 0.0).sum(axis=1) + 12.0 * crossed)
+
+def _between(anchors: Field, boxes: Field) -> list[dict[int, Field]]:
+    """For each label by each other one near it: what any two of their places (rows and columns) cost together."""
+    near = np.clip(anchors, boxes[..., :2], boxes[..., 2:])
+    leaders = anchors[:, None, :] + np.linspace(0.25, 1.0, 4)[:, None] * (near - anchors)[:, :, None, :]
+    hulls = np.concatenate([boxes[..., :2].min(axis=0), boxes[..., 2:].max(axis=0)], axis=1)
+    pairs: list[dict[int, Field]] = [{} for _ in anchors]
+    for i, j in zip(*np.nonzero(np.triu(_overlap(hulls[:, None], hulls[None]) > 0.0, 1)), strict=True):
+        clash = _overlap(boxes[:, i, None], (boxes[:, j] + np.array([-2.0, -1.0, 2.0, 1.0]))[None])
+        crossed = _inside(leaders[:, i, None], boxes[None, :, j, None]).sum(axis=2)
+        crossed += _inside(leaders[None, :, j], boxes[:, i, None, None]).sum(axis=2)
+        pairs[i][int(j)] = clash + 200.0 * (clash > 0.0) + 12.0 * crossed
+        pairs[j][int(i)] = pairs[i][int(j)].T
+    return pairs
+
+
+def _chosen(cost: Field, pairs: Sequence[Mapping[int, Field]]) -> NDArray[np.intp]:
+    """A place for each label, such that no label alone, and hardly any with those that it pushes away, is better off.
+
+    Parameters
+    ----------
+    cost : ndarray, shape (places, labels)
+        Of each place, whatever the others do.
+    pairs : sequence of mapping of int to ndarray, shape (places, places)
+        What two labels cost together.
+    """
+    every = np.arange(cost.shape[1])
+
+    def costs(i: int, chosen: NDArray[np.intp]) -> Field:
+        total = cost[:, i].copy()
+        for j, both in pairs[i].items():
+            total += both[:, chosen[j]]
+        return total
 
     def settled(chosen: NDArray[np.intp], order: NDArray[np.intp], most: int) -> tuple[NDArray[np.intp], float]:
         """Each in turn takes its best place, until none moves; and what all cost then."""
         for _ in range(most):
             before = chosen.copy()
             for i in map(int, order):
-                chosen[i] = np.argmin(cost[:, i] + clashes(i, chosen))
+                chosen[i] = np.argmin(costs(i, chosen))
             if np.array_equal(before, chosen):
                 break
-        total = sum(cost[chosen[i], i] + 0.5 * clashes(i, chosen)[chosen[i]] for i in range(len(anchors)))
-        return chosen, float(total)
+        alone = cost[chosen, every]
+        together = sum(costs(int(i), chosen)[chosen[i]] - alone[i] for i in every)
+        return chosen, float(alone.sum() + 0.5 * together)
 
     start = np.argmin(cost, axis=0)
     best, least = min((settled(start.copy(), order, 30) for order in (every, every[::-1])), key=lambda found: found[1])
-    for i in np.argsort(cost.min(axis=0) - cost[best, every]):  # those that others pushed away push back
+    for i in np.argsort(cost.min(axis=0) - cost[best, every], kind="stable")[:24]:  # pushed away, they push back
         for wish in np.argsort(cost[:, i], kind="stable")[:3]:
             if cost[best[i], i] > cost[wish, i] + 4.0:
                 trial = best.copy()
@@ -419,15 +453,13 @@ def _labels(anchors: Field, sizes: Field, things: Field, weights: Field, area: t
                 trial, total = settled(trial, np.append(every[every != i], i), 3)
                 if total < least - 1e-9:
                     best, least = trial, total
-    placed = boxes[best, every]
-    clash = _overlap(placed[:, None], placed[None])
-    np.fill_diagonal(clash, 0.0)
-    return placed, not bool(clash.any()) and not bool((outside[best, every] > 0.5).any())
+    return best
 
 
 def _inside(points: Field, boxes: Field) -> NDArray[np.bool_]:
     """Whether points (…, 2) lie in boxes (…, 4), broadcast."""
-    return np.asarray(((points >= boxes[..., :2]) & (points <= boxes[..., 2:])).all(axis=-1))
+    x, y = points[..., 0], points[..., 1]
+    return np.asarray((x >= boxes[..., 0]) & (x <= boxes[..., 2]) & (y >= boxes[..., 1]) & (y <= boxes[..., 3]))
 
 
 def _along(xs: Sequence[float], ys: Sequence[float]) -> Field:

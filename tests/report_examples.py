@@ -77,7 +77,7 @@ def rich() -> Report:
                         "failed", "refused: 8.2 GB of arrays, more than the 4 GB that are allowed"))
     points.append(Point("albedo_at_zero=divide", "albedo_at_zero", "divide", ("albedo_at_zero=divide",), 1,
                         NONE._replace(fault="NaN in 1,204 of 32,400 pixels"), Spread(0.0302, 0.0311, 9),
-                        {"media": 0.01, "lighting": 0.02}, 61_000_000, "failed", "NaN in 1,204 of 32,400 pixels"))
+                        {"media": 0.01, "integrate": 0.02}, 61_000_000, "failed", "NaN in 1,204 of 32,400 pixels"))
     points = _judged(points)
     front = [p for p in points if p.member in ("certain", "possible")]
 
@@ -173,6 +173,7 @@ def extreme() -> Report:
                     {"media": float(t)}, 10 ** (i % 12), "certain" if math.isfinite(e) else "failed",
                     "" if math.isfinite(e) else "infinite")
               for i, (t, e) in enumerate(zip(times, errors, strict=True))]
+    points[5] = points[5]._replace(id="a_knob_with_a_name=that is far too long to stand beside a mark on any sheet")
     points += [Point(f"late={i}", "late", str(i), (), 1, NONE, None, {}, None, "failed", f"refused for reason {i}")
                for i in range(4)]
     points.append(Point("base", "base", "base", (), 1, NONE._replace(fault="no image"), Spread(0.5, 0.6, 3), {}, 0,
