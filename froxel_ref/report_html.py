@@ -46,6 +46,7 @@ border-radius:6px;padding:.5rem .7rem}
 button,select{font:inherit;color:inherit}
 .copy,.tools select,.tools button{background:var(--p-paper);border:1px solid var(--p-edge);border-radius:6px;
 padding:.35rem .8rem;cursor:pointer}
+.tools button:disabled{opacity:.5;cursor:default}
 :focus-visible{outline:2px solid var(--link);outline-offset:2px}
 .figures{display:grid;grid-template-columns:repeat(auto-fit,minmax(142px,1fr));gap:.7rem;margin:1.1rem 0}
 .figures div{border:1px solid var(--line);border-radius:10px;padding:.65rem .85rem}
@@ -606,16 +607,19 @@ def _refinement(report: Report, drawings: Mapping[str, Drawing]) -> str:
     words = "No order could be fitted: a level has no error."
     if found.order is not None:
         words = (f"Grid, maps and harmonics refined together, the frame tends to the reference by the order "
-                 f"<b>{_num(f'{found.order:.2f}')}</b>: with half the step √relMSE is {_num(number(2.0**found.order))} "
-                 "times smaller.")
+                 f"<b>{_num(f'{found.order:.2f}'.replace('-', '−'))}</b>: √relMSE goes with that power of the step.")
+        if 0.0 < found.order < 50.0:
+            words += f" With half the step it is {_num(number(2.0**found.order))} times smaller."
         if found.residual is not None:
-            words += f" Levels lie within {_num(percent(math.expm1(found.residual)))} (rms) of that line."
+            words += f" Levels lie within {_num(percent(math.expm1(min(found.residual, 99.0))))} (rms) of that line."
     rows, before = "", None
     for level in found.levels:
         errors = level.errors
         local = math.nan
-        if before is not None and errors.relmse > 0.0 and before.errors.relmse > 0.0 and before.step > level.step > 0.0:
-            local = 0.5 * math.log(before.errors.relmse / errors.relmse) / math.log(before.step / level.step)
+        if before is not None and before.step > level.step > 0.0 and all(
+                0.0 < e < math.inf for e in (before.errors.relmse, errors.relmse)):
+            fall = math.log(before.errors.relmse) - math.log(errors.relmse)
+            local = 0.5 * fall / (math.log(before.step) - math.log(level.step))
         rows += (f'<tr><th scope="row" class="lead">{_safe(level.label)}</th>' + _n(level.step, number(level.step))
                  + _n(errors.relmse, number(errors.relmse) + (f"<small>{_safe(errors.fault)}</small>"
                                                               if errors.fault else ""))

@@ -12,6 +12,7 @@ import importlib.util
 import io
 import math
 import re
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, NamedTuple
@@ -175,12 +176,15 @@ class _Log(NamedTuple):
     end: float
 
     def at(self, value: float) -> float:
-        return self.start + (math.log10(value) - self.low) / (self.high - self.low) * (self.end - self.start)
+        return self.at_power(math.log10(value))
+
+    def at_power(self, power: float) -> float:
+        return self.start + (power - self.low) / (self.high - self.low) * (self.end - self.start)
 
     def ticks(self, apart: float) -> list[float]:
         """Powers of ten, or of these 1, 2 and 5, at least so many pixels apart."""
         decade = abs(self.end - self.start) / (self.high - self.low)
-        inside = range(math.floor(self.low), math.ceil(self.high) + 1)
+        inside = range(max(-300, math.floor(self.low)), min(300, math.ceil(self.high)) + 1)
         if 0.125 * decade >= apart:
             values = [m * 10.0**k for k in inside for m in (1, 1.5, 2, 3, 5, 7)]
         elif 0.3 * decade >= apart:
@@ -282,7 +286,7 @@ class _Sheet:
              big: bool = False, gid: str | None = None) -> None:
         """Words in one line, whose middle is at y."""
         size = self.size * (1.15 if big else 1.0)
-        self.axes.text(x, y + 0.36 * size, words.replace("$", r"\$"), color=THEME[colour][0], fontsize=size,
+        self.axes.text(x, y + 0.36 * size, _one_line(words).replace("$", r"\$"), color=THEME[colour][0], fontsize=size,
                        ha=anchor, va="baseline", family="DejaVu Sans", weight="bold" if bold else "normal", gid=gid,
                        clip_on=False)
 
@@ -306,10 +310,11 @@ class _Sheet:
 
     def long(self, words: str, bold: bool = False) -> float:
         """How wide words are."""
-        return _long(words, self.size, bold)
+        return _long(_one_line(words), self.size, bold)
 
     def cut(self, words: str, room: float) -> str:
         """Words that fit, with … where they had to be cut."""
+        words = _one_line(words)
         if self.long(words) <= room:
             return words
         while len(words) > 1 and self.long(words + "…") > room:
@@ -322,6 +327,11 @@ class _Sheet:
         self.axes.set_ylim(height, 0.0)
         self.figure.patch.set_facecolor(THEME["paper"][0])
         return self.figure
+
+
+def _one_line(words: str) -> str:
+    """Without line breaks, and what no letter stands for."""
+    return "".join(letter for letter in " ".join(words.split()) if letter.isprintable() or letter in "\u202f\u00a0")
 
 
 def _long(words: str, size: float, bold: bool = False) -> float:
@@ -338,7 +348,8 @@ def _plain_settings() -> Iterator[None]:
     """Matplotlib as it comes, whatever the user's own settings; the same bytes for the same record."""
     import matplotlib
 
-    with matplotlib.rc_context():
+    with matplotlib.rc_context(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # names may be in any script; browsers have it
         matplotlib.rcdefaults()
         matplotlib.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "froxel-ref", "path.simplify": False})
         yield
@@ -700,7 +711,7 @@ def _name_spots(sheet: _Sheet, points: Sequence[Point], spots: Sequence[_Spot], 
     words = [_called(points[s.place]) for s in named]
     numbered = len(named) > (6 if sheet.narrow else 24)
     if not numbered:
-        full = [sheet.cut(word, 150.0 if sheet.narrow else 190.0) for word in words]
+        full = words
         boxes, apart = _labels(anchors, _extent(sheet, full), things, weights, area)
         numbered = not apart
     if numbered:
@@ -804,6 +815,12 @@ class _Row(NamedTuple):
     words: tuple[str, ...]
 
 
+def _row(name: str, pieces: Sequence[tuple[float, str]], mark: float, *words: str) -> _Row:
+    """A bar of what can be drawn: lengths that are no numbers, or beyond all measure, are said in words alone."""
+    return _Row(name, tuple((v, colour) for v, colour in pieces if abs(v) < 1e12),
+                mark if abs(mark) < 1e12 else math.nan, words)
+
+
 def _bars(sheet: _Sheet, rows: Sequence[_Row], heads: Sequence[str], y: float, low: float, high: float) -> float:
     """Bars under each other, from ``low`` to ``high``; returns where they end."""
     columns = [max([sheet.long(head, True), *(sheet.long(row.words[i]) for row in rows)]) + 14.0
@@ -892,12 +909,12 @@ def figure_budget(report: Report, width: float = WIDE) -> Figure | None:
         rows = []
         for part in budget.parts:
             pieces = tuple((part.regions.get(name, 0.0), colours[name]) for name in names)
-            rows.append(_Row(part.name, pieces or ((part.share, "front"),), part.alone / budget.total,
-                             (percent(part.share), percent(part.alone / budget.total))))
+            rows.append(_row(part.name, pieces or ((part.share, "front"),), part.alone / budget.total,
+                             percent(part.share), percent(part.alone / budget.total)))
         for name, share, relmse in (("rest, with all parts true", budget.rest, budget.rest_relmse),
                                     ("interaction of parts", budget.interaction, budget.interaction_relmse)):
-            rows.append(_Row(name, ((share, "edge"),), relmse / budget.total,
-                             (percent(share), percent(relmse / budget.total))))
+            rows.append(_row(name, ((share, "edge"),), relmse / budget.total,
+                             percent(share), percent(relmse / budget.total)))
         ends = [(sum(min(v, 0.0) for v, _ in row.pieces), sum(max(v, 0.0) for v, _ in row.pieces)) for row in rows]
         low, high = min(0.0, *(end[0] for end in ends)), max(0.01, *(end[1] for end in ends))
         marks = [row.mark for row in rows if math.isfinite(row.mark)]
@@ -946,14 +963,15 @@ def figure_stages(report: Report, width: float = WIDE, *, most: int = 16) -> Fig
             unit = _times(point)[0] if apart else 1.0
             pieces = [(point.stages.get(name, 0.0) / unit, SERIES[i]) for i, name in enumerate(names)]
             others = _times(point)[0] / unit - sum(v for v, _ in pieces if math.isfinite(v))
-            rows.append(_Row(_called(point), (*pieces, (max(others, 0.0), "edge")), math.nan,
-                             (milliseconds(_times(point)[0]), number(point.errors.relmse))))
-        high = max(sum(v for v, _ in row.pieces if math.isfinite(v)) for row in rows)
+            rows.append(_row(_called(point), (*pieces, (max(others, 0.0), "edge")), math.nan,
+                             milliseconds(_times(point)[0]), number(point.errors.relmse)))
+        high = max(sum(v for v, _ in row.pieces) for row in rows) or 1.0
         title = "What stages take of each frame" if apart else "What stages take"
         sheet.text(4.0, 13.0, f"{title}, along the front", bold=True, big=not sheet.narrow)
         y = _bars(sheet, rows, ("time [ms]", "relMSE"), 36.0, 0.0, high)
         entries = [(name, SERIES[i]) for i, name in enumerate(names)]
-        entries += [("all else", "edge")] * any(row.pieces[-1][0] > 1e-3 * high for row in rows)
+        rest = max(v for row in rows for v, colour in (*row.pieces, (0.0, "edge")) if colour == "edge")
+        entries += [("all else", "edge")] * (rest > 1e-3 * high)
         return sheet.finish(_legend(sheet, entries, y + 12.0) + 2.0)
 
 
@@ -978,9 +996,9 @@ def figure_planned(report: Report, width: float = WIDE) -> Figure | None:
         sheet.text(4.0, 13.0, "What leaving out saves", bold=True, big=not sheet.narrow)
         both = (("as planned", "s0", saved.planned, saved.planned_bytes),
                 ("all forced on", "s7", saved.forced, saved.forced_bytes))
-        times = [_Row(name, ((1e3 * spread.least, colour),), 1e3 * spread.median,
-                      (f"{milliseconds(spread.least)}\u202fms",)) for name, colour, spread, _ in both]
-        sizes = [_Row(name, ((size / 1e6, colour),), math.nan, (f"{megabytes(size)}\u202fMB",))
+        times = [_row(name, ((1e3 * spread.least, colour),), 1e3 * spread.median,
+                      f"{milliseconds(spread.least)}\u202fms") for name, colour, spread, _ in both]
+        sizes = [_row(name, ((size / 1e6, colour),), math.nan, f"{megabytes(size)}\u202fMB")
                  for name, colour, _, size in both]
         y = 26.0
         for rows, words, many in (
@@ -990,7 +1008,7 @@ def figure_planned(report: Report, width: float = WIDE) -> Figure | None:
                  if saved.planned_bytes else math.nan)):
             less = f": forced takes {number(many)} times as much" if math.isfinite(many) else ""
             sheet.text(4.0, y + 14.0, sheet.cut(words + ("" if sheet.narrow else less), sheet.width - 8.0), "soft")
-            high = max(max(row.pieces[0][0], row.mark if math.isfinite(row.mark) else 0.0) for row in rows)
+            high = max([v for row in rows for v in (*(p for p, _ in row.pieces), row.mark) if v > 0.0], default=1.0)
             y = _bars(sheet, rows, ("",), y + 16.0, 0.0, high * 1.02 or 1.0)
         return sheet.finish(_legend(sheet, [], y + 8.0, "median of the runs") + 2.0)
 
@@ -1021,7 +1039,7 @@ def figure_refinement(report: Report, width: float = WIDE) -> Figure | None:
         x0, y0 = (50.0 if sheet.narrow else 66.0), 28.0
         x1, y1 = sheet.width - 14.0, y0 + (230.0 if sheet.narrow else 310.0)
         steps, roots = [level.step for level in levels], [math.sqrt(level.errors.relmse) for level in levels]
-        floor = math.sqrt(max(report.reference.floor, 0.0))
+        floor = math.sqrt(report.reference.floor) if 0.0 < report.reference.floor < math.inf else 0.0
         lowest = min(roots) if floor < 0.2 * min(roots) else min(*roots, 0.7 * floor)
 
         def scale(these: Sequence[float], start: float, end: float, pad: float) -> _Log:
@@ -1042,12 +1060,13 @@ def figure_refinement(report: Report, width: float = WIDE) -> Figure | None:
         sheet.line([x0, x0, x1, x1, x0], [y1, y0, y0, y1, y1], "edge", 0.9, order=1.6)
         sheet.text((x0 + x1) / 2.0, y1 + 32.0, "step, over the coarsest level’s", bold=True, anchor="center")
         if math.log10(floor or 1e-300) > up.low:
-            sheet.box(x0, up.at(floor), x1, y1, "soft", alpha=0.13)
-            sheet.line([x0, x1], [up.at(floor)] * 2, "soft", 1.2, dash=True)
-            sheet.text(x1 - 6.0, min(up.at(floor) + 10.0, y1 - 9.0), "the reference is no better", "soft", "right")
+            y = max(up.at(floor), y0)
+            sheet.box(x0, y, x1, y1, "soft", alpha=0.13)
+            sheet.line([x0, x1], [y, y], "soft", 1.2, dash=True)
+            sheet.text(x1 - 6.0, min(y + 10.0, y1 - 9.0), "the reference is no better", "soft", "right")
         things = np.array([(across.at(s) - 6.0, up.at(r) - 6.0, across.at(s) + 6.0, up.at(r) + 6.0)
                            for s, r in zip(steps, roots, strict=True)])
-        if refinement.order is not None and math.isfinite(refinement.order):
+        if refinement.order is not None and abs(refinement.order) < 50.0:
             things = np.concatenate([things, _fit(sheet, refinement.order, steps, roots, across, up)])
         for step, root in zip(steps, roots, strict=True):
             sheet.mark(across.at(step), up.at(root), "o", "s0", 8.0)
@@ -1060,7 +1079,7 @@ def figure_refinement(report: Report, width: float = WIDE) -> Figure | None:
                 _draw_label(sheet, _Spot(at, anchors[at, 0], anchors[at, 1], math.nan, False), text, box, "soft", False)
         said = "no order could be fitted" if refinement.order is None else f"order {refinement.order:.2f}"
         if refinement.order is not None and refinement.residual is not None:
-            said += f" (fit to within {percent(math.expm1(refinement.residual))})"
+            said += f" (fit to within {percent(math.expm1(min(refinement.residual, 99.0)))})"
         sheet.text(x0 + 10.0, y0 + 16.0, said, "s1" if refinement.order is not None else "soft", bold=True)
         return sheet.finish(y1 + 44.0)
 
@@ -1080,7 +1099,7 @@ def _fit(sheet: _Sheet, order: float, steps: Sequence[float], roots: Sequence[fl
     middle = (float(np.mean(np.log10(steps))), float(np.mean(np.log10(roots))))
     ends = [min(steps), max(steps)]
     xs = [across.at(step) for step in ends]
-    ys = [up.at(10.0 ** (middle[1] + order * (math.log10(step) - middle[0]))) for step in ends]
+    ys = [up.at_power(middle[1] + order * (math.log10(step) - middle[0])) for step in ends]
     sheet.line(xs, ys, "s1", 1.5, dash=True)
     along = np.linspace(0.0, 1.0, 24)[:, None]
     points = np.array([xs[0], ys[0]]) * (1.0 - along) + np.array([xs[1], ys[1]]) * along

@@ -188,4 +188,24 @@ def extreme() -> Report:
                                  "None is as exact as that."))
 
 
+def beyond_sense() -> Report:
+    """Numbers that no measurement gives, and names that no font has: a page must come of it all the same."""
+    report = rich()
+    assert report.budget is not None
+    assert report.saved is not None
+    odd = (0.0, -1.0, math.nan, math.inf, -math.inf, 1e-300, 1e300)
+    errors = [Errors(v, v, v, v, v) for v in odd]
+    points = [report.points[i]._replace(id=f"$a$\n{name}{i}", errors=errors[i], member="certain", peak_bytes=10**15,
+                                        seconds=Spread(odd[-1 - i], odd[i], 3), stages={"日本": odd[i]})
+              for i, name in enumerate(("", "é\t", "日本語", "w" * 120, "_^{", "\\$", "%s"))]
+    part = report.budget.parts[0]
+    return report._replace(
+        points=tuple(points), reference=REFERENCE._replace(floor=math.inf),
+        budget=report.budget._replace(total=1e-300, parts=tuple(
+            part._replace(name="$", alone=v, share=v, regions=dict.fromkeys(part.regions, v)) for v in odd)),
+        refinement=Refinement(tuple(Level("$x$", abs(v), e) for v, e in zip(odd, errors, strict=True)), 1e300, 1e300),
+        saved=report.saved._replace(planned=Spread(0.0, math.nan, 0), forced=Spread(math.inf, 1e300, 0),
+                                    planned_bytes=0))
+
+
 EXAMPLES = {"rich": rich, "minimal": minimal, "extreme": extreme}
