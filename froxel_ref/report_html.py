@@ -683,7 +683,7 @@ def _failures(points: Sequence[Point]) -> str:
 
 def _reading(report: Report) -> str:
     setup, reference = report.setup, report.reference
-    flip = (f"HDR-FLIP (Andersson et al. 2021), its mean over the image, at {_num(number(setup.pixels_per_degree))} pixels "
+    flip = (f"HDR-FLIP (Andersson et al. 2021), mean of the image, at {_num(number(setup.pixels_per_degree))} pixels "
             "per degree of view" if not setup.flip else f"not taken: {_safe(setup.flip)}")
     entries = [
         ("reference", f"{_safe(reference.about)} It took {_long_time(reference.seconds)}. Its own relMSE, by its "
