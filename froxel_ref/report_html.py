@@ -35,7 +35,7 @@ p{margin:.4rem 0 .7rem;max-width:78ch}.soft,figcaption,dd{color:var(--p-soft)}a{
 nav{position:sticky;top:0;z-index:6;background:var(--p-paper);border-bottom:1px solid var(--line);margin-top:.9rem}
 nav div{max-width:1160px;margin:0 auto;padding:.45rem 1.2rem;display:flex;gap:1.1rem;overflow-x:auto;
 white-space:nowrap;font-size:14px}nav a{text-decoration:none}nav a:hover{text-decoration:underline}
-code,.mono{font-family:ui-monospace,SFMono-Regular,Menlo,Consolas,monospace;font-size:.9em}
+wbr{display:none}code,.mono{font-family:ui-monospace,SFMono-Regular,Menlo,Consolas,monospace;font-size:.9em}
 .num{white-space:nowrap;font-variant-numeric:tabular-nums}
 .card{background:var(--card);border:1px solid var(--line);border-radius:10px;padding:1rem 1.1rem;margin:1rem 0}
 .rec{border-left:5px solid var(--good)}.rec.missed{border-left-color:var(--p-fail)}
@@ -46,6 +46,7 @@ border-radius:6px;padding:.5rem .7rem}
 button,select{font:inherit;color:inherit}
 .copy,.tools select,.tools button{background:var(--p-paper);border:1px solid var(--p-edge);border-radius:6px;
 padding:.35rem .8rem;cursor:pointer}
+.tools button:disabled{opacity:.5;cursor:default}
 :focus-visible{outline:2px solid var(--link);outline-offset:2px}
 .figures{display:grid;grid-template-columns:repeat(auto-fit,minmax(142px,1fr));gap:.7rem;margin:1.1rem 0}
 .figures div{border:1px solid var(--line);border-radius:10px;padding:.65rem .85rem}
@@ -57,7 +58,7 @@ figure{margin:1rem 0;border:1px solid var(--line);border-radius:10px;padding:.9r
 overflow:visible}.art svg text{font-family:system-ui,sans-serif}
 .narrow{display:none;max-width:430px}figcaption{font-size:14px;margin:.6rem auto 0;max-width:960px}
 .pt{cursor:pointer;outline:none}.halo{fill:none;stroke:var(--p-ink);stroke-width:2;pointer-events:none}
-.halo.on{stroke:var(--p-ink);fill:var(--mark);fill-opacity:.55;stroke-width:2.2}
+.halo.on{stroke:var(--p-ink);fill:var(--mark);fill-opacity:.4;stroke-width:2.2}
 .of-l.on text,.of-l.hot text{text-decoration:underline}.dim{opacity:.12}
 #tip{position:absolute;z-index:9;max-width:min(330px,calc(100vw - 16px));background:var(--p-ink);
 color:var(--p-paper);border-radius:8px;padding:.55rem .75rem;font-size:13.5px;line-height:1.45;pointer-events:none;
@@ -92,16 +93,19 @@ ul.plain li{margin:.25rem 0;max-width:78ch}
 dl.list{display:grid;grid-template-columns:max-content minmax(0,1fr);gap:.25rem 1.1rem;margin:.5rem 0;font-size:14px}
 dl.list dt{font-weight:600}dl.list dd{margin:0;overflow-wrap:anywhere;max-width:78ch}
 footer{max-width:1160px;margin:2.5rem auto 2rem;padding:0 1.2rem;font-size:13.5px}
+@media(max-width:860px){figure{padding:.7rem .4rem}}
 @media(max-width:699px){main,header,footer,nav div{padding-left:.85rem;padding-right:.85rem}h1{font-size:1.4rem}
 figure{padding:.6rem .1rem;border-left:0;border-right:0;border-radius:0;margin-left:0;margin-right:0}
 figcaption{padding:0 .3rem}.wide{display:none}.narrow{display:block}
 .points .lead{white-space:normal;overflow-wrap:anywhere;min-width:8.2rem;max-width:42vw}
-.wide-words{min-width:21rem}
+.wide-words{min-width:21rem}wbr{display:inline}
 .line{flex-wrap:wrap}.line code{flex-basis:100%}dl.list{grid-template-columns:minmax(0,1fr);gap:0}
 dl.list dd{margin-bottom:.5rem}.figures{grid-template-columns:repeat(2,minmax(0,1fr))}}
 @media print{:root{color-scheme:light}nav,.tools,.copy,#tip{display:none!important}main,header,footer{max-width:none}
 .scroll,.scroll.tall{max-height:none;overflow:visible}thead th,.lead{position:static}figure,tr,.card{break-inside:avoid}
-h2,h3{break-after:avoid}body{font-size:10pt}table{font-size:7.5pt}th,td{padding:.25em .35em}
+h2,h3{break-after:avoid}body{font-size:10pt}table{font-size:7.5pt}th,td{padding:.25em .35em}td small{font-size:7pt}
+@page{margin:12mm}@page broad{size:landscape}#points{page:broad}
+.points td,.points td small{white-space:normal;min-width:0}.points .mono{overflow-wrap:anywhere}
 thead th{white-space:normal}.wide-words{min-width:0}.wide{display:block}.narrow{display:none}
 thead th button::after{content:none}}
 """
@@ -111,7 +115,7 @@ SCRIPT = """
 const $=(s,r=document)=>[...r.querySelectorAll(s)],data=JSON.parse(document.getElementById("data").textContent);
 const tip=document.getElementById("tip"),NS="http://www.w3.org/2000/svg";let marked=null,hot=null;
 const centre=g=>{const u=g.querySelector("use");return u?[+u.getAttribute("x"),+u.getAttribute("y")]:null};
-function halo(kind,p){$(".halo."+kind).forEach(h=>h.remove());if(p===null)return;
+function halo(kind,p){$(".halo."+kind).forEach(h=>h.remove());if(p===null||kind==="hot"&&p===marked)return;
 $(`.pt[data-p="${p}"]`).forEach(g=>{const c=centre(g);if(!c)return;const h=document.createElementNS(NS,"circle");
 h.setAttribute("class","halo "+kind);h.setAttribute("cx",c[0]);h.setAttribute("cy",c[1]);
 h.setAttribute("r",kind==="on"?12:10);g.parentNode.insertBefore(h,g)})}
@@ -126,7 +130,7 @@ const r=g.getBoundingClientRect(),w=tip.offsetWidth,h=tip.offsetHeight,full=docu
 let x=r.left+r.width/2-w/2,y=r.top-h-12;if(y<52)y=r.bottom+12;
 tip.style.left=Math.max(8,Math.min(x,full-w-8))+scrollX+"px";tip.style.top=y+scrollY+"px"}
 function hide(){tip.hidden=true;if(hot!==null){hot=null;tag("hot",null)}}
-function mark(p){marked=marked===p?null:p;tag("on",marked);
+function mark(p){marked=marked===p?null:p;tag("on",marked);if(hot!==null)halo("hot",hot);
 $(".points tbody tr").forEach(r=>{const on=marked!==null&&+r.dataset.p===marked;r.classList.toggle("on",on);
 const b=r.querySelector(".pick");if(b)b.setAttribute("aria-pressed",on)})}
 function near(svg,e){let best=null,least=24;$(".pt:not(.dim)",svg).forEach(g=>{const r=g.getBoundingClientRect(),
@@ -239,6 +243,11 @@ def page(report: Report, drawings: Mapping[str, Drawing]) -> str:
 
 def _safe(words: str) -> str:
     return html.escape(words, quote=True)
+
+
+def _broken(words: str) -> str:
+    """A name that may be broken behind its = and _."""
+    return _safe(words).replace("=", "=<wbr>").replace("_", "_<wbr>")
 
 
 def _num(text: str, unit: str = "") -> str:
@@ -466,7 +475,7 @@ def _row(report: Report, index: int, point: Point, base: float, flips: bool) -> 
     elif point.member in ("certain", "possible"):
         front = f"<b>{front}</b>"
     cells = [f'<td class="lead" data-v="{_safe(point.id)}"><button type="button" class="pick" aria-pressed="false">'
-             f"{_safe(point.id)}</button></td><td>{_safe(point.knob)}</td>"
+             f"{_broken(point.id)}</button></td><td>{_safe(point.knob)}</td>"
              f'<td data-v="{list(MEMBERS).index(point.member) if point.member in MEMBERS else 9}">{front}</td>',
              _n(_least(point), milliseconds(spread.least if spread else None)),
              _n(spread.median if spread else None, milliseconds(spread.median if spread else None)),
@@ -598,16 +607,19 @@ def _refinement(report: Report, drawings: Mapping[str, Drawing]) -> str:
     words = "No order could be fitted: a level has no error."
     if found.order is not None:
         words = (f"Grid, maps and harmonics refined together, the frame tends to the reference by the order "
-                 f"<b>{_num(f'{found.order:.2f}')}</b>: with half the step √relMSE is {_num(number(2.0**found.order))} "
-                 "times smaller.")
+                 f"<b>{_num(f'{found.order:.2f}'.replace('-', '−'))}</b>: √relMSE goes with that power of the step.")
+        if 0.0 < found.order < 50.0:
+            words += f" With half the step it is {_num(number(2.0**found.order))} times smaller."
         if found.residual is not None:
-            words += f" Levels lie within {_num(percent(math.expm1(found.residual)))} (rms) of that line."
+            words += f" Levels lie within {_num(percent(math.expm1(min(found.residual, 99.0))))} (rms) of that line."
     rows, before = "", None
     for level in found.levels:
         errors = level.errors
         local = math.nan
-        if before is not None and errors.relmse > 0.0 and before.errors.relmse > 0.0 and before.step > level.step > 0.0:
-            local = 0.5 * math.log(before.errors.relmse / errors.relmse) / math.log(before.step / level.step)
+        if before is not None and before.step > level.step > 0.0 and all(
+                0.0 < e < math.inf for e in (before.errors.relmse, errors.relmse)):
+            fall = math.log(before.errors.relmse) - math.log(errors.relmse)
+            local = 0.5 * fall / (math.log(before.step) - math.log(level.step))
         rows += (f'<tr><th scope="row" class="lead">{_safe(level.label)}</th>' + _n(level.step, number(level.step))
                  + _n(errors.relmse, number(errors.relmse) + (f"<small>{_safe(errors.fault)}</small>"
                                                               if errors.fault else ""))
@@ -671,7 +683,7 @@ def _failures(points: Sequence[Point]) -> str:
 
 def _reading(report: Report) -> str:
     setup, reference = report.setup, report.reference
-    flip = (f"HDR-FLIP [Andersson 2021], its mean over the image, at {_num(number(setup.pixels_per_degree))} pixels "
+    flip = (f"HDR-FLIP (Andersson et al. 2021), mean of the image, at {_num(number(setup.pixels_per_degree))} pixels "
             "per degree of view" if not setup.flip else f"not taken: {_safe(setup.flip)}")
     entries = [
         ("reference", f"{_safe(reference.about)} It took {_long_time(reference.seconds)}. Its own relMSE, by its "

@@ -12,6 +12,7 @@ import importlib.util
 import io
 import math
 import re
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, NamedTuple
@@ -175,13 +176,18 @@ class _Log(NamedTuple):
     end: float
 
     def at(self, value: float) -> float:
-        return self.start + (math.log10(value) - self.low) / (self.high - self.low) * (self.end - self.start)
+        return self.at_power(math.log10(value))
+
+    def at_power(self, power: float) -> float:
+        return self.start + (power - self.low) / (self.high - self.low) * (self.end - self.start)
 
     def ticks(self, apart: float) -> list[float]:
         """Powers of ten, or of these 1, 2 and 5, at least so many pixels apart."""
         decade = abs(self.end - self.start) / (self.high - self.low)
-        inside = range(math.floor(self.low), math.ceil(self.high) + 1)
-        if 0.3 * decade >= apart:
+        inside = range(max(-300, math.floor(self.low)), min(300, math.ceil(self.high)) + 1)
+        if 0.125 * decade >= apart:
+            values = [m * 10.0**k for k in inside for m in (1, 1.5, 2, 3, 5, 7)]
+        elif 0.3 * decade >= apart:
             values = [m * 10.0**k for k in inside for m in (1, 2, 5)]
         elif 0.47 * decade >= apart:
             values = [m * 10.0**k for k in inside for m in (1, 3)]
@@ -195,9 +201,10 @@ def _power(value: float) -> str:
     """A tick: 0.05, 20, 10⁻⁷."""
     power = math.floor(math.log10(value) + 1e-9)
     if -4 <= power <= 4:
-        return f"{value:,.{max(0, -power)}f}".replace(",", "\u202f")
-    times = round(value / 10.0**power)
-    return ("" if times == 1 else f"{times}×") + f"10{str(power).translate(_RAISED)}"
+        more = 0 if abs(value / 10.0**power % 1.0 - 0.5) > 0.1 else 1  # 1.5
+        return f"{value:,.{max(0, more - power)}f}".replace(",", "\u202f")
+    times = f"{value / 10.0**power:.2g}"
+    return ("" if times == "1" else f"{times}×") + f"10{str(power).translate(_RAISED)}"
 
 
 def front_of(points: Sequence[Point], norm: str = "relmse") -> dict[int, str]:
@@ -279,7 +286,7 @@ class _Sheet:
              big: bool = False, gid: str | None = None) -> None:
         """Words in one line, whose middle is at y."""
         size = self.size * (1.15 if big else 1.0)
-        self.axes.text(x, y + 0.36 * size, words.replace("$", r"\$"), color=THEME[colour][0], fontsize=size,
+        self.axes.text(x, y + 0.36 * size, _one_line(words).replace("$", r"\$"), color=THEME[colour][0], fontsize=size,
                        ha=anchor, va="baseline", family="DejaVu Sans", weight="bold" if bold else "normal", gid=gid,
                        clip_on=False)
 
@@ -303,10 +310,11 @@ class _Sheet:
 
     def long(self, words: str, bold: bool = False) -> float:
         """How wide words are."""
-        return _long(words, self.size, bold)
+        return _long(_one_line(words), self.size, bold)
 
     def cut(self, words: str, room: float) -> str:
         """Words that fit, with … where they had to be cut."""
+        words = _one_line(words)
         if self.long(words) <= room:
             return words
         while len(words) > 1 and self.long(words + "…") > room:
@@ -319,6 +327,11 @@ class _Sheet:
         self.axes.set_ylim(height, 0.0)
         self.figure.patch.set_facecolor(THEME["paper"][0])
         return self.figure
+
+
+def _one_line(words: str) -> str:
+    """Without line breaks, and what no letter stands for."""
+    return "".join(letter for letter in " ".join(words.split()) if letter.isprintable() or letter in "\u202f\u00a0")
 
 
 def _long(words: str, size: float, bold: bool = False) -> float:
@@ -335,7 +348,8 @@ def _plain_settings() -> Iterator[None]:
     """Matplotlib as it comes, whatever the user's own settings; the same bytes for the same record."""
     import matplotlib
 
-    with matplotlib.rc_context():
+    with matplotlib.rc_context(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # names may be in any script; browsers have it
         matplotlib.rcdefaults()
         matplotlib.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "froxel-ref", "path.simplify": False})
         yield
@@ -384,38 +398,79 @@ def _labels(anchors: Field, sizes: Field, things: Field, weights: Field, area: t
     wrong = _inside(anchors, (boxes + np.array([-8.0, -5.0, 8.0, 5.0]))[:, :, None, :])  # would seem to be another's
     wrong[:, np.arange(len(anchors)), np.arange(len(anchors))] = False
     cost = cost + 1e3 * outside + 45.0 * wrong.sum(axis=2)
-    near = np.clip(anchors, boxes[..., :2], boxes[..., 2:])
-    leaders = anchors[:, None, :] + np.linspace(0.2, 1.0, 7)[:, None] * (near - anchors)[:, :, None, :]
     every = np.arange(len(anchors))
-
-    def clashes(i: int, chosen: NDArray[np.intp]) -> Field:
-        """What each place of label i costs beside the places that the others have."""
-        others, ways = boxes[chosen, every][every != i], leaders[chosen, every][every != i].reshape(-1, 2)
-        clash = _overlap(boxes[:, i, None, :], others[None] + np.array([-2.0, -1.0, 2.0, 1.0]))
-        crossed = _inside(leaders[:, i, :, None, :], others).sum(axis=(1, 2)) + _inside(ways, boxes[:, i, None]).sum(1)
-        return np.asarray(clash.sum(axis=1) + 200.0 * (clash > 0.0).sum(axis=1) + 12.0 * crossed)
-
-    best, least = np.zeros(len(anchors), np.intp), math.inf
-    for order in (every, every[::-1]):
-        chosen = np.argmin(cost, axis=0)
-        for _ in range(30):
-            before = chosen.copy()
-            for i in map(int, order):
-                chosen[i] = np.argmin(cost[:, i] + clashes(i, chosen))
-            if np.array_equal(before, chosen):
-                break
-        total = float(sum(cost[chosen[i], i] + 0.5 * clashes(i, chosen)[chosen[i]] for i in range(len(anchors))))
-        if total < least:
-            best, least = chosen, total
+    best = np.argsort(cost, axis=0, kind="stable")[:80]  # the rest is far away
+    cost, boxes, outside = (np.take_along_axis(values, best.reshape(best.shape + (1,) * (values.ndim - 2)), axis=0)
+                            for values in (cost, boxes, outside))
+    best = _chosen(cost, _between(anchors, boxes))
     placed = boxes[best, every]
     clash = _overlap(placed[:, None], placed[None])
     np.fill_diagonal(clash, 0.0)
     return placed, not bool(clash.any()) and not bool((outside[best, every] > 0.5).any())
 
 
+def _between(anchors: Field, boxes: Field) -> list[dict[int, Field]]:
+    """For each label by each other one near it: what any two of their places (rows and columns) cost together."""
+    near = np.clip(anchors, boxes[..., :2], boxes[..., 2:])
+    leaders = anchors[:, None, :] + np.linspace(0.25, 1.0, 4)[:, None] * (near - anchors)[:, :, None, :]
+    hulls = np.concatenate([boxes[..., :2].min(axis=0), boxes[..., 2:].max(axis=0)], axis=1)
+    pairs: list[dict[int, Field]] = [{} for _ in anchors]
+    for i, j in zip(*np.nonzero(np.triu(_overlap(hulls[:, None], hulls[None]) > 0.0, 1)), strict=True):
+        clash = _overlap(boxes[:, i, None], (boxes[:, j] + np.array([-2.0, -1.0, 2.0, 1.0]))[None])
+        crossed = _inside(leaders[:, i, None], boxes[None, :, j, None]).sum(axis=2)
+        crossed += _inside(leaders[None, :, j], boxes[:, i, None, None]).sum(axis=2)
+        pairs[i][int(j)] = clash + 200.0 * (clash > 0.0) + 12.0 * crossed
+        pairs[j][int(i)] = pairs[i][int(j)].T
+    return pairs
+
+
+def _chosen(cost: Field, pairs: Sequence[Mapping[int, Field]]) -> NDArray[np.intp]:
+    """A place for each label, such that no label alone, and hardly any with those that it pushes away, is better off.
+
+    Parameters
+    ----------
+    cost : ndarray, shape (places, labels)
+        Of each place, whatever the others do.
+    pairs : sequence of mapping of int to ndarray, shape (places, places)
+        What two labels cost together.
+    """
+    every = np.arange(cost.shape[1])
+
+    def costs(i: int, chosen: NDArray[np.intp]) -> Field:
+        total = cost[:, i].copy()
+        for j, both in pairs[i].items():
+            total += both[:, chosen[j]]
+        return total
+
+    def settled(chosen: NDArray[np.intp], order: NDArray[np.intp], most: int) -> tuple[NDArray[np.intp], float]:
+        """Each in turn takes its best place, until none moves; and what all cost then."""
+        for _ in range(most):
+            before = chosen.copy()
+            for i in map(int, order):
+                chosen[i] = np.argmin(costs(i, chosen))
+            if np.array_equal(before, chosen):
+                break
+        alone = cost[chosen, every]
+        together = sum(costs(int(i), chosen)[chosen[i]] - alone[i] for i in every)
+        return chosen, float(alone.sum() + 0.5 * together)
+
+    start = np.argmin(cost, axis=0)
+    best, least = min((settled(start.copy(), order, 30) for order in (every, every[::-1])), key=lambda found: found[1])
+    for i in np.argsort(cost.min(axis=0) - cost[best, every], kind="stable")[:24]:  # pushed away, they push back
+        for wish in np.argsort(cost[:, i], kind="stable")[:3]:
+            if cost[best[i], i] > cost[wish, i] + 4.0:
+                trial = best.copy()
+                trial[i] = wish
+                trial, total = settled(trial, np.append(every[every != i], i), 3)
+                if total < least - 1e-9:
+                    best, least = trial, total
+    return best
+
+
 def _inside(points: Field, boxes: Field) -> NDArray[np.bool_]:
     """Whether points (…, 2) lie in boxes (…, 4), broadcast."""
-    return np.asarray(((points >= boxes[..., :2]) & (points <= boxes[..., 2:])).all(axis=-1))
+    x, y = points[..., 0], points[..., 1]
+    return np.asarray((x >= boxes[..., 0]) & (x <= boxes[..., 2]) & (y >= boxes[..., 1]) & (y <= boxes[..., 3]))
 
 
 def _along(xs: Sequence[float], ys: Sequence[float]) -> Field:
@@ -438,7 +493,7 @@ def figure_error(report: Report, width: float = WIDE, *, norm: str = "relmse") -
     ----------
     report : Report
     width : float [in]
-        Below some 8 in, labels are numbers with a key beneath.
+        Below some 8 in, more than six labels are numbers with a key beneath.
     norm : str
         "relmse" or "flip".
 
@@ -486,7 +541,7 @@ def _figure_error(report: Report, width: float, norm: str) -> Figure:
         _draw_spot(sheet, points[spot.place], spot, front.get(spot.place), look[points[spot.place].knob])
     y = _name_spots(sheet, points, spots, front, stairs, floor, frame, bottom + 48.0, _recommended(report))
     recommended = any(points[i].id == _recommended(report) for i in shown)
-    y = _key(sheet, points, spots, look, y, bool(front), recommended)
+    y = _key(sheet, points, spots, look, y, front, recommended)
     missing = len(points) - len(shown)
     if missing:
         said = "point has" if missing == 1 else "points have"
@@ -649,14 +704,14 @@ def _name_spots(sheet: _Sheet, points: Sequence[Point], spots: Sequence[_Spot], 
     bars = np.array([(s.x, s.y - 3.0, s.end, s.y + 3.0) for s in named if s.end > s.x]).reshape(-1, 4)
     steps = _along(*stairs)
     things = np.concatenate([np.concatenate([middles - reach, middles + reach], axis=1), bars, steps, floor])
-    weights = np.concatenate([np.where(reach[:, 0] > 4.0, 3.0, 0.8), np.full(len(bars), 0.5), np.full(len(steps), 0.4),
+    weights = np.concatenate([np.where(reach[:, 0] > 4.0, 3.0, 0.8), np.full(len(bars), 0.5), np.full(len(steps), 0.8),
                               np.full(len(floor), 2.0)])
     x0, y0, x1, y1 = frame
     area = (x0 + 3.0, y0 + 3.0, x1 - 3.0, y1 - 3.0)
     words = [_called(points[s.place]) for s in named]
-    numbered = sheet.narrow or len(named) > 24
+    numbered = len(named) > (6 if sheet.narrow else 24)
     if not numbered:
-        full = [sheet.cut(word, 190.0) for word in words]
+        full = words
         boxes, apart = _labels(anchors, _extent(sheet, full), things, weights, area)
         numbered = not apart
     if numbered:
@@ -704,13 +759,14 @@ def _numbers(sheet: _Sheet, named: Sequence[_Spot], words: Sequence[str], y: flo
 
 
 def _key(sheet: _Sheet, points: Sequence[Point], spots: Sequence[_Spot], looks: Mapping[str, tuple[str, str]], y: float,
-         front: bool, recommended: bool) -> float:
+         front: Mapping[int, str], recommended: bool) -> float:
     """What shapes, colours and fillings mean, flowing over as many lines as it takes."""
     x, pitch = 4.0, sheet.size * 1.65
     knobs = dict.fromkeys(points[s.place].knob for s in spots if not s.failed and points[s.place].knob != "base")
     signs = [("base: what all others start from", "base")] * any(points[s.place].knob == "base" for s in spots)
-    signs += [("on the front", "certain"), ("perhaps on the front", "possible"),
-              ("another is better", "dominated")] * front
+    said = {"certain": "on the front", "possible": "perhaps on the front", "": "another is better"}
+    members = {front.get(s.place, "") for s in spots if not s.failed}
+    signs += [(words, member or "dominated") for member, words in said.items() if member in members]
     signs += [("least to median of the runs", "bar")] * any(s.end > s.x for s in spots)
     signs += [("failed", "failed")] * any(s.failed for s in spots)
     signs += [("recommended", "bold")] * recommended
@@ -759,6 +815,12 @@ class _Row(NamedTuple):
     words: tuple[str, ...]
 
 
+def _row(name: str, pieces: Sequence[tuple[float, str]], mark: float, *words: str) -> _Row:
+    """A bar of what can be drawn: lengths that are no numbers, or beyond all measure, are said in words alone."""
+    return _Row(name, tuple((v, colour) for v, colour in pieces if abs(v) < 1e12),
+                mark if abs(mark) < 1e12 else math.nan, words)
+
+
 def _bars(sheet: _Sheet, rows: Sequence[_Row], heads: Sequence[str], y: float, low: float, high: float) -> float:
     """Bars under each other, from ``low`` to ``high``; returns where they end."""
     columns = [max([sheet.long(head, True), *(sheet.long(row.words[i]) for row in rows)]) + 14.0
@@ -784,14 +846,15 @@ def _bars(sheet: _Sheet, rows: Sequence[_Row], heads: Sequence[str], y: float, l
         for length, colour in row.pieces:
             if not math.isfinite(length) or length == 0.0:
                 continue
+            edge = "paper" if abs(length) * scale > 2.0 else colour
             if length > 0.0:
                 sheet.box(over, middle - thick / 2.0, over + length * scale, middle + thick / 2.0, colour)
                 over += length * scale
-                sheet.line([over, over], [middle - thick / 2.0, middle + thick / 2.0], "paper", 0.8)
+                sheet.line([over, over], [middle - thick / 2.0, middle + thick / 2.0], edge, 0.8)
             else:
                 sheet.box(under + length * scale, middle - thick / 2.0, under, middle + thick / 2.0, colour)
                 under += length * scale
-                sheet.line([under, under], [middle - thick / 2.0, middle + thick / 2.0], "paper", 0.8)
+                sheet.line([under, under], [middle - thick / 2.0, middle + thick / 2.0], edge, 0.8)
         if math.isfinite(row.mark):
             at = zero + min(max(row.mark, low), high) * scale
             sheet.line([at, at], [middle - thick / 2.0 - 4.0, middle + thick / 2.0 + 4.0], "paper", 4.0, order=3.0)
@@ -846,12 +909,12 @@ def figure_budget(report: Report, width: float = WIDE) -> Figure | None:
         rows = []
         for part in budget.parts:
             pieces = tuple((part.regions.get(name, 0.0), colours[name]) for name in names)
-            rows.append(_Row(part.name, pieces or ((part.share, "front"),), part.alone / budget.total,
-                             (percent(part.share), percent(part.alone / budget.total))))
+            rows.append(_row(part.name, pieces or ((part.share, "front"),), part.alone / budget.total,
+                             percent(part.share), percent(part.alone / budget.total)))
         for name, share, relmse in (("rest, with all parts true", budget.rest, budget.rest_relmse),
                                     ("interaction of parts", budget.interaction, budget.interaction_relmse)):
-            rows.append(_Row(name, ((share, "edge"),), relmse / budget.total,
-                             (percent(share), percent(relmse / budget.total))))
+            rows.append(_row(name, ((share, "edge"),), relmse / budget.total,
+                             percent(share), percent(relmse / budget.total)))
         ends = [(sum(min(v, 0.0) for v, _ in row.pieces), sum(max(v, 0.0) for v, _ in row.pieces)) for row in rows]
         low, high = min(0.0, *(end[0] for end in ends)), max(0.01, *(end[1] for end in ends))
         marks = [row.mark for row in rows if math.isfinite(row.mark)]
@@ -895,16 +958,21 @@ def figure_stages(report: Report, width: float = WIDE, *, most: int = 16) -> Fig
     with _plain_settings():
         sheet = _Sheet(width)
         rows = []
+        apart = _times(front[-1])[0] > 30.0 * _times(front[0])[0]  # too far to be seen beside each other: shares
         for point in front:
-            pieces = [(1e3 * point.stages.get(name, 0.0), SERIES[i]) for i, name in enumerate(names)]
-            others = 1e3 * _times(point)[0] - sum(v for v, _ in pieces if math.isfinite(v))
-            rows.append(_Row(_called(point), (*pieces, (max(others, 0.0), "edge")), math.nan,
-                             (milliseconds(_times(point)[0]), number(point.errors.relmse))))
-        high = max(sum(v for v, _ in row.pieces if math.isfinite(v)) for row in rows)
-        sheet.text(4.0, 13.0, "What stages take, along the front", bold=True, big=not sheet.narrow)
+            unit = _times(point)[0] if apart else 1.0
+            pieces = [(point.stages.get(name, 0.0) / unit, SERIES[i]) for i, name in enumerate(names)]
+            others = _times(point)[0] / unit - sum(v for v, _ in pieces if math.isfinite(v))
+            rows.append(_row(_called(point), (*pieces, (max(others, 0.0), "edge")), math.nan,
+                             milliseconds(_times(point)[0]), number(point.errors.relmse)))
+        high = max(sum(v for v, _ in row.pieces) for row in rows) or 1.0
+        title = "What stages take of each frame" if apart else "What stages take"
+        sheet.text(4.0, 13.0, f"{title}, along the front", bold=True, big=not sheet.narrow)
         y = _bars(sheet, rows, ("time [ms]", "relMSE"), 36.0, 0.0, high)
         entries = [(name, SERIES[i]) for i, name in enumerate(names)]
-        return sheet.finish(_legend(sheet, [*entries, ("all else", "edge")], y + 12.0) + 2.0)
+        rest = max(v for row in rows for v, colour in (*row.pieces, (0.0, "edge")) if colour == "edge")
+        entries += [("all else", "edge")] * (rest > 1e-3 * high)
+        return sheet.finish(_legend(sheet, entries, y + 12.0) + 2.0)
 
 
 def figure_planned(report: Report, width: float = WIDE) -> Figure | None:
@@ -928,9 +996,9 @@ def figure_planned(report: Report, width: float = WIDE) -> Figure | None:
         sheet.text(4.0, 13.0, "What leaving out saves", bold=True, big=not sheet.narrow)
         both = (("as planned", "s0", saved.planned, saved.planned_bytes),
                 ("all forced on", "s7", saved.forced, saved.forced_bytes))
-        times = [_Row(name, ((1e3 * spread.least, colour),), 1e3 * spread.median,
-                      (f"{milliseconds(spread.least)}\u202fms",)) for name, colour, spread, _ in both]
-        sizes = [_Row(name, ((size / 1e6, colour),), math.nan, (f"{megabytes(size)}\u202fMB",))
+        times = [_row(name, ((1e3 * spread.least, colour),), 1e3 * spread.median,
+                      f"{milliseconds(spread.least)}\u202fms") for name, colour, spread, _ in both]
+        sizes = [_row(name, ((size / 1e6, colour),), math.nan, f"{megabytes(size)}\u202fMB")
                  for name, colour, _, size in both]
         y = 26.0
         for rows, words, many in (
@@ -940,7 +1008,7 @@ def figure_planned(report: Report, width: float = WIDE) -> Figure | None:
                  if saved.planned_bytes else math.nan)):
             less = f": forced takes {number(many)} times as much" if math.isfinite(many) else ""
             sheet.text(4.0, y + 14.0, sheet.cut(words + ("" if sheet.narrow else less), sheet.width - 8.0), "soft")
-            high = max(max(row.pieces[0][0], row.mark if math.isfinite(row.mark) else 0.0) for row in rows)
+            high = max([v for row in rows for v in (*(p for p, _ in row.pieces), row.mark) if v > 0.0], default=1.0)
             y = _bars(sheet, rows, ("",), y + 16.0, 0.0, high * 1.02 or 1.0)
         return sheet.finish(_legend(sheet, [], y + 8.0, "median of the runs") + 2.0)
 
@@ -971,7 +1039,7 @@ def figure_refinement(report: Report, width: float = WIDE) -> Figure | None:
         x0, y0 = (50.0 if sheet.narrow else 66.0), 28.0
         x1, y1 = sheet.width - 14.0, y0 + (230.0 if sheet.narrow else 310.0)
         steps, roots = [level.step for level in levels], [math.sqrt(level.errors.relmse) for level in levels]
-        floor = math.sqrt(max(report.reference.floor, 0.0))
+        floor = math.sqrt(report.reference.floor) if 0.0 < report.reference.floor < math.inf else 0.0
         lowest = min(roots) if floor < 0.2 * min(roots) else min(*roots, 0.7 * floor)
 
         def scale(these: Sequence[float], start: float, end: float, pad: float) -> _Log:
@@ -992,12 +1060,13 @@ def figure_refinement(report: Report, width: float = WIDE) -> Figure | None:
         sheet.line([x0, x0, x1, x1, x0], [y1, y0, y0, y1, y1], "edge", 0.9, order=1.6)
         sheet.text((x0 + x1) / 2.0, y1 + 32.0, "step, over the coarsest level’s", bold=True, anchor="center")
         if math.log10(floor or 1e-300) > up.low:
-            sheet.box(x0, up.at(floor), x1, y1, "soft", alpha=0.13)
-            sheet.line([x0, x1], [up.at(floor)] * 2, "soft", 1.2, dash=True)
-            sheet.text(x1 - 6.0, min(up.at(floor) + 10.0, y1 - 9.0), "the reference is no better", "soft", "right")
+            y = max(up.at(floor), y0)
+            sheet.box(x0, y, x1, y1, "soft", alpha=0.13)
+            sheet.line([x0, x1], [y, y], "soft", 1.2, dash=True)
+            sheet.text(x1 - 6.0, min(y + 10.0, y1 - 9.0), "the reference is no better", "soft", "right")
         things = np.array([(across.at(s) - 6.0, up.at(r) - 6.0, across.at(s) + 6.0, up.at(r) + 6.0)
                            for s, r in zip(steps, roots, strict=True)])
-        if refinement.order is not None and math.isfinite(refinement.order):
+        if refinement.order is not None and abs(refinement.order) < 50.0:
             things = np.concatenate([things, _fit(sheet, refinement.order, steps, roots, across, up)])
         for step, root in zip(steps, roots, strict=True):
             sheet.mark(across.at(step), up.at(root), "o", "s0", 8.0)
@@ -1010,7 +1079,7 @@ def figure_refinement(report: Report, width: float = WIDE) -> Figure | None:
                 _draw_label(sheet, _Spot(at, anchors[at, 0], anchors[at, 1], math.nan, False), text, box, "soft", False)
         said = "no order could be fitted" if refinement.order is None else f"order {refinement.order:.2f}"
         if refinement.order is not None and refinement.residual is not None:
-            said += f" (fit to within {percent(math.expm1(refinement.residual))})"
+            said += f" (fit to within {percent(math.expm1(min(refinement.residual, 99.0)))})"
         sheet.text(x0 + 10.0, y0 + 16.0, said, "s1" if refinement.order is not None else "soft", bold=True)
         return sheet.finish(y1 + 44.0)
 
@@ -1030,7 +1099,7 @@ def _fit(sheet: _Sheet, order: float, steps: Sequence[float], roots: Sequence[fl
     middle = (float(np.mean(np.log10(steps))), float(np.mean(np.log10(roots))))
     ends = [min(steps), max(steps)]
     xs = [across.at(step) for step in ends]
-    ys = [up.at(10.0 ** (middle[1] + order * (math.log10(step) - middle[0]))) for step in ends]
+    ys = [up.at_power(middle[1] + order * (math.log10(step) - middle[0])) for step in ends]
     sheet.line(xs, ys, "s1", 1.5, dash=True)
     along = np.linspace(0.0, 1.0, 24)[:, None]
     points = np.array([xs[0], ys[0]]) * (1.0 - along) + np.array([xs[1], ys[1]]) * along

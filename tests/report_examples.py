@@ -77,7 +77,7 @@ def rich() -> Report:
                         "failed", "refused: 8.2 GB of arrays, more than the 4 GB that are allowed"))
     points.append(Point("albedo_at_zero=divide", "albedo_at_zero", "divide", ("albedo_at_zero=divide",), 1,
                         NONE._replace(fault="NaN in 1,204 of 32,400 pixels"), Spread(0.0302, 0.0311, 9),
-                        {"media": 0.01, "lighting": 0.02}, 61_000_000, "failed", "NaN in 1,204 of 32,400 pixels"))
+                        {"media": 0.01, "integrate": 0.02}, 61_000_000, "failed", "NaN in 1,204 of 32,400 pixels"))
     points = _judged(points)
     front = [p for p in points if p.member in ("certain", "possible")]
 
@@ -173,6 +173,7 @@ def extreme() -> Report:
                     {"media": float(t)}, 10 ** (i % 12), "certain" if math.isfinite(e) else "failed",
                     "" if math.isfinite(e) else "infinite")
               for i, (t, e) in enumerate(zip(times, errors, strict=True))]
+    points[5] = points[5]._replace(id="a_knob_with_a_name=that is far too long to stand beside a mark on any sheet")
     points += [Point(f"late={i}", "late", str(i), (), 1, NONE, None, {}, None, "failed", f"refused for reason {i}")
                for i in range(4)]
     points.append(Point("base", "base", "base", (), 1, NONE._replace(fault="no image"), Spread(0.5, 0.6, 3), {}, 0,
@@ -185,6 +186,26 @@ def extreme() -> Report:
                   (AtTime(1e-5, None),), (AtError(0.0, None),),
                   Recommendation("relMSE at most 1e-20", False, points[3].id, points[3].overrides, None, None,
                                  "None is as exact as that."))
+
+
+def beyond_sense() -> Report:
+    """Numbers that no measurement gives, and names that no font has: a page must come of it all the same."""
+    report = rich()
+    assert report.budget is not None
+    assert report.saved is not None
+    odd = (0.0, -1.0, math.nan, math.inf, -math.inf, 1e-300, 1e300)
+    errors = [Errors(v, v, v, v, v) for v in odd]
+    points = [report.points[i]._replace(id=f"$a$\n{name}{i}", errors=errors[i], member="certain", peak_bytes=10**15,
+                                        seconds=Spread(odd[-1 - i], odd[i], 3), stages={"日本": odd[i]})
+              for i, name in enumerate(("", "é\t", "日本語", "w" * 120, "_^{", "\\$", "%s"))]
+    part = report.budget.parts[0]
+    return report._replace(
+        points=tuple(points), reference=REFERENCE._replace(floor=math.inf),
+        budget=report.budget._replace(total=1e-300, parts=tuple(
+            part._replace(name="$", alone=v, share=v, regions=dict.fromkeys(part.regions, v)) for v in odd)),
+        refinement=Refinement(tuple(Level("$x$", abs(v), e) for v, e in zip(odd, errors, strict=True)), 1e300, 1e300),
+        saved=report.saved._replace(planned=Spread(0.0, math.nan, 0), forced=Spread(math.inf, 1e300, 0),
+                                    planned_bytes=0))
 
 
 EXAMPLES = {"rich": rich, "minimal": minimal, "extreme": extreme}

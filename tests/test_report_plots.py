@@ -149,7 +149,8 @@ def test_labels_of_the_front_and_of_failures_are_there_and_keep_apart(name: str,
     assert labelled == {i for i, p in enumerate(report.points) if p.member != "dominated" or p.knob == "base"}
     for i in labelled:
         name_of = "base" if report.points[i].knob == "base" else report.points[i].id
-        assert name_of in words_of(figure)
+        assert any(words == name_of or (words.endswith("…") and name_of.startswith(words[:-1]))
+                   for words in words_of(figure))
     for a, (_, box) in enumerate(boxes):
         for _, other in boxes[:a]:
             wide = min(box[2], other[2]) - max(box[0], other[0])
@@ -217,6 +218,21 @@ def test_the_steps_of_the_front_go_down():
     certain = [marks[i][0] for i, p in enumerate(report.points) if p.member == "certain"]
     corners = set(zip(xs, ys, strict=True))
     assert all(place in corners for place in certain)
+
+
+def test_a_possible_member_above_the_steps_does_not_raise_them():
+    report = minimal()
+    base, fast = report.points
+    third = base._replace(id="third", knob="slices", member="possible", seconds=Spread(0.015, 0.017, 3),
+                          errors=base.errors._replace(relmse=5e-3))
+    figure = figure_error(report._replace(points=(base, fast, third)), WIDE)
+    (stairs,) = [line for line in figure.axes[0].lines
+                 if line.get_color() == THEME["front"][0] and len(line.get_xdata()) > 2 and line.get_gid() is None]
+    assert (np.diff(stairs.get_ydata()) >= 0.0).all()
+    places = {i: found[0] for i, found in marks_of(figure).items()}
+    assert stairs.get_ydata()[0] == pytest.approx(places[1][1])
+    assert stairs.get_ydata()[-1] == pytest.approx(places[0][1])
+    assert places[2][1] < places[1][1]  # farther from the reference than the steps are: above
 
 
 def bars_of(figure) -> list[tuple[float, float, float, str]]:
