@@ -210,7 +210,7 @@ def _time(point: Point) -> float:
 
 def _row(point: Point) -> tuple[str, ...]:
     seconds, errors = point.seconds, point.errors
-    return (point.id, "-" if seconds is None else f"{1e3 * seconds.least:.1f}–{1e3 * seconds.high:.1f}",
+    return (point.id, "-" if seconds is None else f"{1e3 * seconds.least:.1f}–{1e3 * seconds.end:.1f}",
             "-" if point.peak_bytes is None else f"{point.peak_bytes / 1e6:.0f}", f"{errors.relmse:.2e}",
             f"{100.0 * errors.bias:+.2f} %", "-" if errors.flip is None else f"{errors.flip:.4f}",
             f"{point.member}{': ' + point.fault if point.fault else ''}")

@@ -188,4 +188,4 @@ def _equal(a: Field, b: Field) -> bool:
 
 def _spread(seconds: list[float]) -> Spread:
     found = spread(seconds)
-    return Spread(found.least, found.median, len(found.seconds), found.median)
+    return Spread(found.least, found.median, len(found.seconds))

@@ -24,13 +24,19 @@ class Spread(NamedTuple):
         The best estimate on a shared machine, and what noise adds.
     runs : int
     high : float [s]
-        The end of the error bar that begins at the least: the median, or more where others' times spread more.
+        The end of the error bar that begins at the least, where other points' times spread more than this one's; NaN:
+        the median.
     """
 
     least: float
     median: float
     runs: int
-    high: float
+    high: float = math.nan
+
+    @property
+    def end(self) -> float:
+        """The end of the error bar."""
+        return self.high if self.high > self.median else self.median
 
 
 class Errors(NamedTuple):
@@ -132,8 +138,6 @@ class Setup(NamedTuple):
         Width and height of the images that errors are taken of: the same view.
     repeats, frames : int
         Timed runs of a point, at most; frames of points that average over time.
-    noise : float [1]
-        The ratio of median to least that nine of ten points stay below: no error bar is shorter.
     epsilon : float
         Of relMSE.
     exposure : float
@@ -148,6 +152,10 @@ class Setup(NamedTuple):
         Date and time, ISO 8601, UTC.
     took : float [s]
         Wall-clock time of the measurements.
+    noise : float [1]
+        The ratio of median to least that nine of ten points stay below: no error bar is shorter.
+    source : str
+        What the scene was called on the command line: its name, or its file.
     """
 
     scene: str
@@ -160,7 +168,6 @@ class Setup(NamedTuple):
     raster: tuple[int, int]
     repeats: int
     frames: int
-    noise: float
     epsilon: float
     exposure: float
     pixels_per_degree: float
@@ -168,6 +175,8 @@ class Setup(NamedTuple):
     machine: Mapping[str, str]
     begun: str
     took: float
+    noise: float = 1.0
+    source: str = ""
 
 
 class Reference(NamedTuple):

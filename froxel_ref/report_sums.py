@@ -90,10 +90,10 @@ def _setup(prepared: Prepared, points: Sequence[Point], took: float) -> Setup:
     return Setup(
         scene.name or "scene", prepared.about, digest(subject.loaded), prepared.overrides, prepared.asked.suite,
         (grid.width, grid.height, grid.depth), (scene.camera.width, scene.camera.height), prepared.raster,
-        suite.repeats, suite.frames, noise_of(points), EPSILON, scene.camera.exposure,
+        suite.repeats, suite.frames, EPSILON, scene.camera.exposure,
         scaled_pixels_per_degree(prepared.raster[0], scene.camera.width),
         "" if flip_available() else "needs the extra flip: python -m pip install -e '.[flip]'",
-        machine(), now, took)
+        machine(), now, took, noise_of(points), prepared.source)
 
 
 def machine() -> dict[str, str]:
@@ -152,7 +152,7 @@ def _columns(points: Sequence[Point]) -> tuple[list[float], list[float], list[fl
     """Errors, and both ends of times; NaN where there is none."""
     return ([point.errors.relmse for point in points],
             [math.nan if point.seconds is None else point.seconds.least for point in points],
-            [math.nan if point.seconds is None else point.seconds.high for point in points])
+            [math.nan if point.seconds is None else point.seconds.end for point in points])
 
 
 def _point(prepared: Prepared, spot: Spot, done: Done) -> Point:
@@ -163,7 +163,7 @@ def _point(prepared: Prepared, spot: Spot, done: Done) -> Point:
     seconds = pareto.spread([run["seconds"] for run in runs]) if runs else None
     return Point(
         spot.id, spot.knob, spot.label, spot.overrides, spot.frames, errors,
-        None if seconds is None else Spread(seconds.least, seconds.median, len(seconds.seconds), seconds.median),
+        None if seconds is None else Spread(seconds.least, seconds.median, len(seconds.seconds)),
         runs[0]["stages"] if runs else {}, memory.get("bytes"), "",
         image.get("fault") or errors.fault or memory.get("fault", ""))
 
