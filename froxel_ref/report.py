@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from froxel_ref import report_log
 from froxel_ref.budget import Part, all_true, only
-from froxel_ref.error_images import averages, last_image, reference_image, whole_errors
-from froxel_ref.flip import flip_available, scaled_pixels_per_degree
+from froxel_ref.error_images import averages, last_image, no_flip, reference_image, whole_errors
+from froxel_ref.flip import scaled_pixels_per_degree
 from froxel_ref.frame import Frame
 from froxel_ref.measuring import frames_of, measure_saved, peak_bytes, timed
 from froxel_ref.records import InputError
@@ -174,7 +174,8 @@ def _image(prepared: Prepared, folder: Path, name: str, label: str, settings: Se
         except (InputError, MemoryError, ArithmeticError) as error:
             return {"fault": _words(error)}
         report_log.store_image(folder, name, image)
-        ppd = scaled_pixels_per_degree(shape[2], subject.loaded.scene.camera.width) if flip_available() else None
+        full = subject.loaded.scene.camera.width
+        ppd = None if no_flip(prepared.raster, full) else scaled_pixels_per_degree(shape[2], full)
         errors = whole_errors(image, truth, epsilon=EPSILON, pixels_per_degree=ppd)
         return {"errors": errors._asdict()}
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 import froxel_ref
 from froxel_ref import compare, pareto, report_log
 from froxel_ref.budget import Part, make_budget
-from froxel_ref.error_images import reference_words, regions
-from froxel_ref.flip import flip_available, scaled_pixels_per_degree
+from froxel_ref.error_images import no_flip, reference_words, regions
+from froxel_ref.flip import scaled_pixels_per_degree
 from froxel_ref.report_log import Entry
 from froxel_ref.report_points import BASE, EPSILON, Prepared, Spot, digest
 from froxel_ref.report_record import (
@@ -92,8 +92,7 @@ def _setup(prepared: Prepared, points: Sequence[Point], took: float) -> Setup:
         (grid.width, grid.height, grid.depth), (scene.camera.width, scene.camera.height), prepared.raster,
         suite.repeats, suite.frames, noise_of(points), EPSILON, scene.camera.exposure,
         scaled_pixels_per_degree(prepared.raster[0], scene.camera.width),
-        "" if flip_available() else "needs the extra flip: python -m pip install -e '.[flip]'",
-        machine(), now, took)
+        no_flip(prepared.raster, scene.camera.width), machine(), now, took)
 
 
 def machine() -> dict[str, str]:
