@@ -100,7 +100,7 @@ def measure(prepared: Prepared, folder: Path, *, done: Mapping[str, Entry] | Non
     whole, behind = sum(work.weight for work in left), 0.0
     for work in left:
         if tell is not None:
-            tell(work.label, int(100 * behind / whole), 100)
+            tell(work.label, int(100 * behind / whole) if whole else 0, 100)
         begun = time.perf_counter()
         entry = Entry(work.run(), time.perf_counter() - begun)
         known[work.name] = entry
