@@ -308,13 +308,19 @@ def distance(image: Image, reference: Image, *, epsilon: float) -> Errors:
     >>> distance(np.full((3, 1, 2), 1.1), np.ones((3, 1, 2)), epsilon=0.01).bias.__round__(12)
     0.1
     """
+    finite = np.isfinite(reference)
+    if not finite.all():
+        return Errors(math.nan, math.nan, math.nan, math.nan, None,
+                      f"the reference is not finite in {int((~finite).sum())} of {finite.size} values")
     norms = (compare.relative_mse(image, reference, epsilon=epsilon), compare.bias(image, reference),
              compare.quantile(image, reference, 0.999), compare.maximum(image, reference),
              compare.absolute(image, reference))
     fault = next((norm.fault for norm in norms if norm.fault), "")
+    if not fault and not all(math.isfinite(norm.value) for norm in norms):
+        fault = f"the error is beyond all numbers: values up to {float(np.abs(image).max()):.3g}"
     if fault:
         return Errors(math.nan, math.nan, math.nan, math.nan, None, fault)
-    mean = float(np.abs(reference[np.isfinite(reference)]).mean()) if np.isfinite(reference).any() else 0.0
+    mean = float(np.abs(reference).mean())
     relmse, bias, quantile, maximum, absolute = (norm.value for norm in norms)
     if mean == 0.0:
         if maximum == 0.0:

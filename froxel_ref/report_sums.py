@@ -211,7 +211,8 @@ def _refinement(prepared: Prepared, done: Done) -> Refinement:
         levels.append(Level(value["label"], value["step"] * prepared.suite.levels[0], errors_of(value)))
     fits: list[float | None] = []
     for sizes in ([math.sqrt(level.errors.relmse) for level in levels], [level.errors.absolute for level in levels]):
-        fit = compare.order([level.step for level in levels], sizes) if min(sizes) > 0.0 else None
+        fine = all(0.0 < size < math.inf for size in sizes)
+        fit = compare.order([level.step for level in levels], sizes) if fine else None
         fits += [None, None] if fit is None else [fit.order, fit.residual]
     return Refinement(tuple(levels), *fits)
 
