@@ -238,15 +238,15 @@ def refined(settings: Settings, parts: tuple[Part, ...], factor: float) -> Setti
     grid, maps, opacity, far = plain.grid, plain.shadow_maps, plain.opacity_maps, plain.long_range
 
     def times(count: int, least: int = 1) -> int:
-        return max(least, round(count * factor))
+        return min(65536, max(least, round(count * factor)))
 
     unit = 2 * maps.downsample
-    least = -(-max(32, 2 * maps.edge + 10) // unit) * unit
+    least = -(-max(32, 2 * maps.edge + 10, 3 * maps.edge) // unit) * unit
     sizes: dict[str, Any] = {name: min(16384 // unit * unit, max(least, times(getattr(maps, name)) // unit * unit))
              for name in ("directional_size", "spot_size", "point_size")}
-    tiles: dict[str, Any] = {name: _power(getattr(opacity, name) * factor, 64 if name == "atlas" else 8,
-                          16384 if name == "atlas" else 4096)
-             for name in ("smallest", "small", "large", "atlas", "directional_size")}
+    tiles: dict[str, Any] = {name: _power(getattr(opacity, name) * factor, low, 16384 if name == "atlas" else 4096)
+                             for name, low in (("smallest", 8), ("small", 8), ("large", 8), ("atlas", 64),
+                                               ("directional_size", 16))}
     return replace(
         plain, grid=with_fields(grid, width=times(grid.width), height=times(grid.height), depth=times(grid.depth)),
         shadow_maps=with_fields(maps, **sizes),
@@ -274,8 +274,10 @@ def _levels(prepared: Prepared, folder: Path) -> Iterator[Work]:
     for factor in prepared.suite.levels:
         settings = refined(prepared.subject.settings, prepared.parts, factor)
         name = level_name(settings, shadowed=prepared.planned["shadow"].runs, dimmed=prepared.planned["fom"].runs)
-        # Where the long range is marched, at half the image's resolution, that is refined too.
-        finer = 2 * int(2 * factor) + 1 if prepared.planned["long_range"].runs else 1
+        # Where the long range is marched, at half the image's resolution, that is refined too; not where the image's
+        # depth comes from elsewhere.
+        marched = prepared.planned["long_range"].runs and prepared.subject.small.image_buffers is None
+        finer = 2 * int(2 * factor) + 1 if marched else 1
         name += f", image x{finer}" if finer > 1 else ""
         work = _image(prepared, folder, f"level {factor:g}", f"refined: {name}", settings, 1, finer=finer)
 
