@@ -10,7 +10,9 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -170,6 +172,6 @@ def load_image(folder: Path, name: str, shape: tuple[int, ...]) -> NDArray[np.fl
     """The image of a measurement as it was kept; None if it is not there, or is no such image."""
     try:
         image = np.load(image_path(folder, name), allow_pickle=False)
-    except (OSError, ValueError, EOFError):
+    except (OSError, ValueError, EOFError, MemoryError, BadZipFile, TokenError):  # all that NumPy meets in what is damaged
         return None
-    return image if image.dtype == np.float64 and image.shape == shape else None
+    return image if isinstance(image, np.ndarray) and image.dtype == np.float64 and image.shape == shape else None
