@@ -150,9 +150,9 @@ def _reference(prepared: Prepared, folder: Path) -> Iterator[Work]:
 
     def run() -> Any:
         found = reference_image(subject, rtol=rtol, threads=prepared.asked.threads)
-        report_log.store_image(folder, "reference error", found.error)
         report_log.store_image(folder, "reference", found.radiance)
-        return {"seconds": found.seconds, "unconverged": int((~found.converged).sum())}
+        floor = float(np.mean((found.error / np.sqrt(found.radiance**2 + EPSILON)) ** 2))
+        return {"seconds": found.seconds, "unconverged": int((~found.converged).sum()), "floor": floor}
 
     pixels = prepared.raster[0] * prepared.raster[1]
     yield Work("reference", "the truth", TRUTH * pixels, run, image=True)

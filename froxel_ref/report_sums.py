@@ -66,13 +66,12 @@ def put_together(prepared: Prepared, folder: Path, done: Done) -> Report:
     """
     points = _points(prepared, done)
     truth = report_log.load_image(folder, "reference", (3, *prepared.raster[::-1]))
-    own = report_log.load_image(folder, "reference error", (3, *prepared.raster[::-1]))
     assert truth is not None
     everything = prepared.asked.everything
     times, errors = _rows(points)
     return Report(
         _setup(prepared, points, sum(entry.took for entry in done.values())),
-        _reference(prepared, truth, own, done["reference"]),
+        _reference(prepared, truth, done["reference"]),
         points, prepared.left_out,
         _budget(prepared, folder, done, truth) if everything else None,
         _refinement(prepared, done) if everything else None,
@@ -118,10 +117,10 @@ def _processor() -> str:
     return named[0] if named else platform.processor() or platform.machine()
 
 
-def _reference(prepared: Prepared, truth: Image, own: Image | None, entry: Entry) -> Reference:
-    floor = math.nan if own is None else float(np.mean((own / np.sqrt(truth * truth + EPSILON)) ** 2))
-    return Reference(reference_words(prepared.subject, prepared.suite.rtol), prepared.suite.rtol, floor,
-                     entry.value["unconverged"], truth[0].size, entry.value["seconds"])
+def _reference(prepared: Prepared, truth: Image, entry: Entry) -> Reference:
+    value = entry.value
+    return Reference(reference_words(prepared.subject, prepared.suite.rtol), prepared.suite.rtol, value["floor"],
+                     value["unconverged"], truth[0].size, value["seconds"])
 
 
 # --- points ---------------------------------------------------------------------------------------------
