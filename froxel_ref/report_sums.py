@@ -45,7 +45,7 @@ Done = Mapping[str, Entry]
 
 NAN = Errors(math.nan, math.nan, math.nan, math.nan)
 
-# Budgets of time, over the base's; and errors, a decade apart.
+# Budgets of time, over the upper end of the base's.
 BUDGETS = (0.25, 0.5, 1.0, 2.0, 4.0)
 
 
@@ -225,7 +225,7 @@ def _saved(value: Mapping[str, Any]) -> Saved:
 
 
 def _rows(points: Sequence[Point]) -> tuple[tuple[AtTime, ...], tuple[AtError, ...]]:
-    """The most exact point of each budget of time, the fastest of each decade of error."""
+    """The most exact point of each budget of time, the fastest of each step of error: 1, 2, 5 in each decade."""
     columns = _columns(points)
     base = next(point for point in points if point.id == BASE)
 
@@ -234,7 +234,7 @@ def _rows(points: Sequence[Point]) -> tuple[tuple[AtTime, ...], tuple[AtError, .
 
     times: tuple[AtTime, ...] = ()
     if base.seconds is not None:
-        found = pareto.equal_time(*columns, [share * base.seconds.median for share in BUDGETS])
+        found = pareto.equal_time(*columns, [share * base.seconds.high for share in BUDGETS])
         times = tuple(AtTime(row.budget, name(row.surely)) for row in found)
     sizes = [error for error in columns[0] if error > 0.0]
     if not sizes:
@@ -275,7 +275,7 @@ def _least(point: Point) -> float:
 
 
 def _ms(point: Point) -> str:
-    return "?" if point.seconds is None else f"{1e3 * point.seconds.least:.3g} to {1e3 * point.seconds.median:.3g}"
+    return "?" if point.seconds is None else f"{1e3 * point.seconds.least:.3g} to {1e3 * point.seconds.high:.3g}"
 
 
 def _ratio(more: float, less: float) -> str:
