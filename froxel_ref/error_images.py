@@ -37,7 +37,7 @@ __all__ = [
 Image = NDArray[np.float64]
 
 PARTS_OF_IMAGE = ("sky", "edges", "surfaces")
-"""Regions of an image: nothing is hit; what is hit lies at another depth next door; all else."""
+"""Regions of an image: nothing is hit; next door lies something at another depth, or nothing; all else."""
 
 # Of the depth, beyond which two neighbouring pixels see two things.
 STEP = 0.1
@@ -399,7 +399,8 @@ def regions(subject: Subject) -> dict[str, NDArray[np.bool_]]:
         Each pixel lies in one.
     """
     scene, how, assets = subject.now(subject.settings, small=True)
-    found = run_frame(scene, replace(how, shadows="off"), assets=assets, outputs=["surface/depth"])["surface/depth"]
+    still = replace(how, shadows="off", taa=dataclasses.replace(how.taa, on=False))  # pixels' centres
+    found = run_frame(scene, still, assets=assets, outputs=["surface/depth"])["surface/depth"]
     depth = np.broadcast_to(found, _size(scene)).astype(np.float64)
     nearness = 1.0 / depth  # 0 in the sky
     edge = np.zeros(depth.shape, bool)
