@@ -172,6 +172,6 @@ def load_image(folder: Path, name: str, shape: tuple[int, ...]) -> NDArray[np.fl
     """The image of a measurement as it was kept; None if it is not there, or is no such image."""
     try:
         image = np.load(image_path(folder, name), allow_pickle=False)
-    except (OSError, ValueError, EOFError, MemoryError, BadZipFile, TokenError):  # all that NumPy meets in what is damaged
+    except (OSError, ValueError, EOFError, MemoryError, BadZipFile, TokenError):  # what damage makes NumPy raise
         return None
     return image if isinstance(image, np.ndarray) and image.dtype == np.float64 and image.shape == shape else None
