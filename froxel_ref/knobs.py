@@ -229,7 +229,7 @@ def _merged(settings: Settings) -> list[Step]:
 def _lookup(settings: Settings) -> list[Step]:
     return [Step("trilinear", ("fog_lookup.method=trilinear",)),
             Step("biquadratic", ("fog_lookup.method=biquadratic",), quick=True),
-            Step("noisy", ("fog_lookup.method=noisy",), quick=True),
+            Step("noisy", ("fog_lookup.method=noisy", "fog_lookup.stored=linear"), quick=True),
             Step("noisy, tone-mapped", ("fog_lookup.method=noisy", "fog_lookup.stored=tone_mapped")),
             Step("bias 1", ("fog_lookup.bias=1",)), Step("bias 0", ("fog_lookup.bias=0",)),
             Step("at centres", ("lookup=centre",))]
