@@ -205,7 +205,9 @@ def _spots(subject: Subject, planned: Plan, asked: Asked) -> tuple[tuple[Spot, .
                 seen.add((settings, frames))
                 spots.append(Spot(name, knob.name, step.label, step.overrides, frames, settings))
     if len(spots) == 1:
-        reasons = "; ".join(f"{each.name}: {each.why}" for each in left_out[:3]) or "every value is the base's own"
+        reasons = "; ".join(f"{each.name}: {each.why}" for each in left_out[:3]) or (
+            "every value of the quick suite is the base's own, --suite full may have others" if asked.suite == "quick"
+            else "every value is the base's own")
         option = "--knobs" if any(knob in KNOBS for knob in asked.knobs) or not asked.knobs else "--sweep"
         raise InputError(option, f"leaves nothing to sweep ({reasons}), must have what this scene has a use for")
     return tuple(spots), tuple(left_out)
