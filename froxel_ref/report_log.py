@@ -171,7 +171,8 @@ def store_image(folder: Path, name: str, image: NDArray[Any]) -> None:
 def load_image(folder: Path, name: str, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
     """The image of a measurement as it was kept; None if it is not there, or is no such image."""
     try:
-        image = np.load(image_path(folder, name), allow_pickle=False)
+        with image_path(folder, name).open("rb") as file:
+            image = np.load(file, allow_pickle=False)
     except (OSError, ValueError, EOFError, MemoryError, BadZipFile, TokenError):  # what damage makes NumPy raise
         return None
     return image if isinstance(image, np.ndarray) and image.dtype == np.float64 and image.shape == shape else None
