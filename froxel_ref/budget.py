@@ -139,8 +139,9 @@ def _turned_on(there: bool, fogged: tuple[bool, str]) -> tuple[bool, str]:
 
 
 def _mixes(scene: Scene, settings: Settings, planned: Plan) -> tuple[bool, str]:
-    if not planned["lighting"].runs:
-        return False, planned["lighting"].why
+    lit = planned["merged" if settings.merged else "lighting"]
+    if not lit.runs:
+        return False, lit.why
     kinds = {m.phase_anisotropy for m in contributing((*scene.global_media, *scene.local_media)) if any(m.albedo)}
     if len(kinds) < 2:
         return False, "all media that scatter have the same anisotropy"

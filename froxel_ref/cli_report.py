@@ -110,7 +110,8 @@ def run_report_command(args: argparse.Namespace, load: Callable[[Any], Loaded],
     folder = output_path(args.output, f"report-{Path(args.scene).stem}")
     check_target(folder, force=args.force, resume=args.resume)
     loaded = load(args)
-    prepared = prepare(loaded, asked, overrides=args.typed, about=_about(args.scene, loaded))
+    prepared = prepare(loaded, asked, overrides=args.typed, about=_about(args.scene, loaded),
+                       source=args.scene)
     _tell_lacks()
     with progress("% of the work") as tell, _told_where(folder, args.resume):
         report = run_report(prepared, folder, force=args.force, resume=args.resume, tell=tell)
@@ -151,8 +152,10 @@ def _told_where(folder: Path, resume: bool) -> Iterator[None]:
 
     try:
         yield
-    except (KeyboardInterrupt, InputError):
+    except (KeyboardInterrupt, InputError) as error:
         count = measured(folder)
+        if isinstance(error, InputError) and error.place == "--resume":
+            raise  # what stands there is of something else
         if count:
             print(f"froxel-ref: {count} measurement{'s' * (count > 1)} in {folder}, --resume goes on", file=sys.stderr)
         elif not resume:
@@ -176,7 +179,7 @@ def _print(report: Report, table: Callable[[Sequence[Sequence[str]], str], None]
     setup, reference = report.setup, report.reference
     print(f"{setup.scene}: frames of {setup.size[0]} x {setup.size[1]} pixels, errors of {setup.raster[0]} x "
           f"{setup.raster[1]} ones against the truth (relMSE of its own error {reference.floor:.1e}); "
-          f"{len(report.points)} points in {setup.took:.0f} s")
+          f"{len(report.points)} point{'s' * (len(report.points) > 1)} in {setup.took:.0f} s")
     if reference.unconverged:
         print(f"the truth did not converge in {reference.unconverged} of {reference.pixels} pixels")
     rows: list[Sequence[str]] = [("point", "ms", "MB", "relMSE", "bias", "FLIP", "front")]
@@ -185,7 +188,7 @@ def _print(report: Report, table: Callable[[Sequence[Sequence[str]], str], None]
     table(rows, "lrrrrrl")
     hidden = len(report.points) - len(shown_points)
     if hidden:
-        print(f"and {hidden} points that another one surely beats in both")
+        print(f"and {hidden} point{'s' * (hidden > 1)} that another one surely beats in both")
     if report.budget is not None:
         _print_budget(report.budget, table)
     if report.refinement is not None:

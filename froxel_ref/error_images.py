@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 
 from froxel_ref import compare
 from froxel_ref.assets import Assets, load_assets
+from froxel_ref.flip import filter_reach, flip, flip_available, scaled_pixels_per_degree
 from froxel_ref.frame import Frame, run_frame
 from froxel_ref.quantities import final_result
+from froxel_ref.records import InputError
 from froxel_ref.report_record import Errors
 from froxel_ref.scene import Camera, Scene
 from froxel_ref.scene_files import Loaded
@@ -28,14 +30,14 @@ from froxel_ref.settings import Settings, Switches, replace
 from froxel_ref.truth_image import render_truth, shadow_kind
 
 __all__ = [
-    "PARTS_OF_IMAGE", "ReferenceImage", "Subject", "averages", "distance", "last_image", "make_subject", "raster",
-    "reference_image", "regions", "whole_errors",
+    "PARTS_OF_IMAGE", "ReferenceImage", "Subject", "averages", "distance", "last_image", "make_subject", "no_flip",
+    "raster", "reference_image", "regions", "whole_errors",
 ]
 
 Image = NDArray[np.float64]
 
 PARTS_OF_IMAGE = ("sky", "edges", "surfaces")
-"""Regions of an image: nothing is hit; what is hit lies at another depth next door; all else."""
+"""Regions of an image: nothing is hit; next door lies something at another depth, or nothing; all else."""
 
 # Of the depth, beyond which two neighbouring pixels see two things.
 STEP = 0.1
@@ -306,13 +308,19 @@ def distance(image: Image, reference: Image, *, epsilon: float) -> Errors:
     >>> distance(np.full((3, 1, 2), 1.1), np.ones((3, 1, 2)), epsilon=0.01).bias.__round__(12)
     0.1
     """
+    finite = np.isfinite(reference)
+    if not finite.all():
+        return Errors(math.nan, math.nan, math.nan, math.nan, None,
+                      f"the reference is not finite in {int((~finite).sum())} of {finite.size} values")
     norms = (compare.relative_mse(image, reference, epsilon=epsilon), compare.bias(image, reference),
              compare.quantile(image, reference, 0.999), compare.maximum(image, reference),
              compare.absolute(image, reference))
     fault = next((norm.fault for norm in norms if norm.fault), "")
+    if not fault and not all(math.isfinite(norm.value) for norm in norms):
+        fault = f"the error is beyond all numbers: values up to {float(np.abs(image).max()):.3g}"
     if fault:
         return Errors(math.nan, math.nan, math.nan, math.nan, None, fault)
-    mean = float(np.abs(reference[np.isfinite(reference)]).mean()) if np.isfinite(reference).any() else 0.0
+    mean = float(np.abs(reference).mean())
     relmse, bias, quantile, maximum, absolute = (norm.value for norm in norms)
     if mean == 0.0:
         if maximum == 0.0:
@@ -341,10 +349,41 @@ def whole_errors(image: Image, reference: Image, *, epsilon: float, exposure: fl
     errors = distance(image, reference, epsilon=epsilon)
     if pixels_per_degree is None or errors.fault:
         return errors
-    from froxel_ref.flip import flip
-
     norm = flip(image, reference, exposure=exposure, pixels_per_degree=pixels_per_degree)
     return errors._replace(flip=norm.value, fault=norm.fault)
+
+
+def no_flip(size: tuple[int, int], full_width: int) -> str:
+    """Why FLIP cannot be taken of images of a raster; empty if it can.
+
+    Parameters
+    ----------
+    size : tuple of int
+        Width and height of the raster.
+    full_width : int
+        Of the view: the raster's pixels are so much larger on the screen.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> no_flip((112, 63), 5000)
+    'needs at least 2 pixels per degree, these images have 1.5: they are 112 pixels wide, the frame 5000'
+    """
+    if not flip_available():
+        return "needs the extra flip: python -m pip install -e '.[flip]'"
+    density = scaled_pixels_per_degree(size[0], full_width)
+    try:
+        least = 2 * filter_reach(density) + 1
+    except InputError:
+        return (f"needs at least 2 pixels per degree, these images have {density:.2g}: they are {size[0]} pixels wide, "
+                f"the frame {full_width}")
+    if any(side != 1 and side < least for side in size):
+        return (f"needs images of at least {least} x {least} pixels at {density:.3g} pixels per degree, these are "
+                f"{size[0]} x {size[1]}")
+    return ""
 
 
 def regions(subject: Subject) -> dict[str, NDArray[np.bool_]]:
@@ -360,7 +399,8 @@ def regions(subject: Subject) -> dict[str, NDArray[np.bool_]]:
         Each pixel lies in one.
     """
     scene, how, assets = subject.now(subject.settings, small=True)
-    found = run_frame(scene, replace(how, shadows="off"), assets=assets, outputs=["surface/depth"])["surface/depth"]
+    still = replace(how, shadows="off", taa=dataclasses.replace(how.taa, on=False))  # pixels' centres
+    found = run_frame(scene, still, assets=assets, outputs=["surface/depth"])["surface/depth"]
     depth = np.broadcast_to(found, _size(scene)).astype(np.float64)
     nearness = 1.0 / depth  # 0 in the sky
     edge = np.zeros(depth.shape, bool)

@@ -6,6 +6,7 @@ To add a knob, write a function of the base's scene and settings that gives its 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
@@ -26,7 +27,7 @@ SUITES = ("quick", "full")
 
 Need = tuple[bool, str]
 
-LARGEST_MAP = 4096
+LARGEST_MAP, LARGEST_ATLAS = 4096, 16384
 
 
 class Step(NamedTuple):
@@ -93,13 +94,18 @@ def changed(settings: Settings, overrides: Sequence[str]) -> Settings:
     >>> changed(Settings(), ["grid.depth=32", "emission=published"]).grid.depth
     32
     """
-    before = {"name": ""}
+    before: dict[str, Any] = {"name": ""}
     raw: Any = {"schema": 1, "scene": before, "settings": to_json(settings)}
     for text in overrides:
-        raw = override(Document, raw, text)
-        if raw["scene"] != before:
-            raise InputError(text.partition("=")[0].strip(), "is of the scene, must be a setting: errors are taken "
+        refused = InputError(text.partition("=")[0].strip(), "is of the scene, must be a setting: errors are taken "
                                                              "against one truth")
+        try:
+            raw = override(Document, raw, text)
+        except InputError as error:
+            # Of lists in the scene nothing is known here, and to say so would mislead.
+            raise (refused if re.match(r"scene\b", error.place) else error) from None
+        if raw["scene"] is not before:
+            raise refused
     return from_json(Document, raw).settings
 
 
@@ -189,7 +195,7 @@ def _opacity(settings: Settings) -> list[Step]:
     steps += [Step(name, (*series, f"opacity_maps.reconstruction={name}"), quick=name == "resolved")
               for name in ("lanczos", "resolved")]
     for share in map(Fraction, ("1/2", "2")):
-        sizes = {name: min(LARGEST_MAP, int(getattr(maps, name) * share))
+        sizes = {name: min(LARGEST_ATLAS if name == "atlas" else LARGEST_MAP, int(getattr(maps, name) * share))
                  for name in ("small", "large", "atlas", "smallest", "directional_size")}
         if sizes["smallest"] >= max(8, 3 * maps.gutter):
             steps.append(Step(f"tiles x{share}", tuple(f"opacity_maps.{name}={n}" for name, n in sizes.items())))
@@ -231,7 +237,7 @@ def _merged(settings: Settings) -> list[Step]:
 def _lookup(settings: Settings) -> list[Step]:
     return [Step("trilinear", ("fog_lookup.method=trilinear",)),
             Step("biquadratic", ("fog_lookup.method=biquadratic",), quick=True),
-            Step("noisy", ("fog_lookup.method=noisy",), quick=True),
+            Step("noisy", ("fog_lookup.method=noisy", "fog_lookup.stored=linear"), quick=True),
             Step("noisy, tone-mapped", ("fog_lookup.method=noisy", "fog_lookup.stored=tone_mapped")),
             Step("bias 1", ("fog_lookup.bias=1",)), Step("bias 0", ("fog_lookup.bias=0",)),
             Step("at centres", ("lookup=centre",))]

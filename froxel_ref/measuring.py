@@ -181,7 +181,9 @@ def measure_saved(scene: Scene, settings: Settings, assets: Assets, *, repeats: 
 
 
 def _equal(a: Field, b: Field) -> bool:
-    """Bit for bit where both have values, whatever their axes of length 1."""
+    """Bit for bit where both have values, whatever their axes of length 1; what is not made has none."""
+    if not (a.size and b.size):
+        return True
     one, other = np.broadcast_arrays(a, b)
     return bool(np.array_equal(one, other, equal_nan=True))
 

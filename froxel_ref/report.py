@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from froxel_ref import report_log
 from froxel_ref.budget import Part, all_true, only
-from froxel_ref.error_images import averages, last_image, reference_image, whole_errors
-from froxel_ref.flip import flip_available, scaled_pixels_per_degree
+from froxel_ref.error_images import averages, last_image, no_flip, reference_image, whole_errors
+from froxel_ref.flip import scaled_pixels_per_degree
 from froxel_ref.frame import Frame
 from froxel_ref.measuring import frames_of, measure_saved, peak_bytes, timed
 from froxel_ref.records import InputError
@@ -100,7 +100,7 @@ def measure(prepared: Prepared, folder: Path, *, done: Mapping[str, Entry] | Non
     whole, behind = sum(work.weight for work in left), 0.0
     for work in left:
         if tell is not None:
-            tell(work.label, int(100 * behind / whole), 100)
+            tell(work.label, int(100 * behind / whole) if whole else 0, 100)
         begun = time.perf_counter()
         entry = Entry(work.run(), time.perf_counter() - begun)
         known[work.name] = entry
@@ -150,9 +150,9 @@ def _reference(prepared: Prepared, folder: Path) -> Iterator[Work]:
 
     def run() -> Any:
         found = reference_image(subject, rtol=rtol, threads=prepared.asked.threads)
-        report_log.store_image(folder, "reference error", found.error)
         report_log.store_image(folder, "reference", found.radiance)
-        return {"seconds": found.seconds, "unconverged": int((~found.converged).sum())}
+        floor = float(np.mean((found.error / np.sqrt(found.radiance**2 + EPSILON)) ** 2))
+        return {"seconds": found.seconds, "unconverged": int((~found.converged).sum()), "floor": floor}
 
     pixels = prepared.raster[0] * prepared.raster[1]
     yield Work("reference", "the truth", TRUTH * pixels, run, image=True)
@@ -174,7 +174,8 @@ def _image(prepared: Prepared, folder: Path, name: str, label: str, settings: Se
         except (InputError, MemoryError, ArithmeticError) as error:
             return {"fault": _words(error)}
         report_log.store_image(folder, name, image)
-        ppd = scaled_pixels_per_degree(shape[2], subject.loaded.scene.camera.width) if flip_available() else None
+        full = subject.loaded.scene.camera.width
+        ppd = None if no_flip(prepared.raster, full) else scaled_pixels_per_degree(shape[2], full)
         errors = whole_errors(image, truth, epsilon=EPSILON, pixels_per_degree=ppd)
         return {"errors": errors._asdict()}
 
@@ -239,15 +240,15 @@ def refined(settings: Settings, parts: tuple[Part, ...], factor: float) -> Setti
     grid, maps, opacity, far = plain.grid, plain.shadow_maps, plain.opacity_maps, plain.long_range
 
     def times(count: int, least: int = 1) -> int:
-        return max(least, round(count * factor))
+        return min(65536, max(least, round(count * factor)))
 
     unit = 2 * maps.downsample
-    least = -(-max(32, 2 * maps.edge + 10) // unit) * unit
+    least = -(-max(32, 2 * maps.edge + 10, 3 * maps.edge) // unit) * unit
     sizes: dict[str, Any] = {name: min(16384 // unit * unit, max(least, times(getattr(maps, name)) // unit * unit))
              for name in ("directional_size", "spot_size", "point_size")}
-    tiles: dict[str, Any] = {name: _power(getattr(opacity, name) * factor, 64 if name == "atlas" else 8,
-                          16384 if name == "atlas" else 4096)
-             for name in ("smallest", "small", "large", "atlas", "directional_size")}
+    tiles: dict[str, Any] = {name: _power(getattr(opacity, name) * factor, low, 16384 if name == "atlas" else 4096)
+                             for name, low in (("smallest", 8), ("small", 8), ("large", 8), ("atlas", 64),
+                                               ("directional_size", 16))}
     return replace(
         plain, grid=with_fields(grid, width=times(grid.width), height=times(grid.height), depth=times(grid.depth)),
         shadow_maps=with_fields(maps, **sizes),
@@ -272,8 +273,13 @@ def level_name(settings: Settings, *, shadowed: bool, dimmed: bool) -> str:
 
 
 def finer_image(prepared: Prepared, factor: float) -> int:
-    """Pixels along each axis for one of the raster's: the long range is marched at half the image's resolution."""
-    return 2 * int(2.0 * factor) + 1 if prepared.planned["long_range"].runs else 1
+    """Pixels along each axis for one of the raster's.
+
+    Where the long range is marched, at half the image's resolution, that is refined too; not where the image's depth
+    comes from elsewhere.
+    """
+    marched = prepared.planned["long_range"].runs and prepared.subject.small.image_buffers is None
+    return 2 * int(2.0 * factor) + 1 if marched else 1
 
 
 def _levels(prepared: Prepared, folder: Path) -> Iterator[Work]:

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 from froxel_ref.output import refusal, whole_file
 from froxel_ref.records import InputError, Json, key_shown, shown, suggest
+from froxel_ref.report_pictures import SHEET, Picture, sheet_png
 from froxel_ref.report_record import Budget, Level, Point, Report
 
 __all__ = [
@@ -45,13 +46,15 @@ def _errors(path: str, about: Mapping[str, str]) -> tuple[Column, ...]:
     def column(field: str, heading: str) -> Column:
         return Column(heading, f"{path}.errors.{field}", about[field], lambda row: getattr(row.errors, field))
 
-    names = {"relmse": "relmse", "bias": "bias", "quantile": "quantile_999", "maximum": "maximum", "flip": "flip",
+    names = {"relmse": "relmse", "absolute": "mean_absolute", "bias": "bias",
+             "quantile": "quantile_999", "maximum": "maximum", "flip": "flip",
              "fault": "error_fault"}
     return tuple(column(field, heading) for field, heading in names.items())
 
 
 ERRORS = {
     "relmse": "mean of (a - b)^2/(b^2 + epsilon) of radiance times exposure, a measured, b the reference [1]",
+    "absolute": "mean of |a - b|, over the mean of b [1]",
     "bias": "mean of a - b, over the mean of b [1]",
     "quantile": "99.9th percentile of |a - b|, over the mean of b [1]",
     "maximum": "largest |a - b|, over the mean of b [1]",
@@ -72,6 +75,8 @@ POINT_COLUMNS: tuple[Column, ...] = (
            lambda p: p.seconds and p.seconds.least),
     Column("time_median_s", "points[].seconds.median", "median of the runs [s]",
            lambda p: p.seconds and p.seconds.median),
+    Column("time_bar_s", "points[].seconds.high", "where the error bar ends, if not at the median [s]",
+           lambda p: p.seconds and p.seconds.end),
     Column("runs", "points[].seconds.runs", "number of runs", lambda p: p.seconds and p.seconds.runs),
     Column("peak_bytes", "points[].peak_bytes", "the most memory that arrays took at one moment [bytes]",
            lambda p: p.peak_bytes),
@@ -87,7 +92,8 @@ PART_COLUMNS: tuple[Column, ...] = (
     Column("truth", "budget.parts[].truth", "what it is replaced by", lambda b: b.truth),
     Column("share", "budget.parts[].share", "share of the frame's relMSE; shares, rest and interaction add up to 1 "
            "[1]", lambda b: b.share),
-    Column("alone", "budget.parts[].alone", "relMSE with everything else true [1]; of rest and interaction that of "
+    Column("alone", "budget.parts[].alone", "relMSE with everything else true [1]; empty where that takes too long; "
+           "of rest and interaction that of "
            "their own image", lambda b: b.alone),
     Column("without", "budget.parts[].without", "relMSE with this part true, all others on [1]", lambda b: b.without),
     Column("bias", "budget.parts[].bias", "mean of what it adds, over the mean of the reference [1]", lambda b: b.bias),
@@ -333,7 +339,8 @@ def refinement_csv(levels: Sequence[Level]) -> str:
 # --- files ------------------------------------------------------------------------------------------
 
 
-def write_report(folder: Path, report: Report, *, pictures: Mapping[str, bytes] | None = None) -> list[Path]:
+def write_report(folder: Path, report: Report, *, pictures: Mapping[str, bytes] | None = None,
+                 shown: Sequence[Picture] = ()) -> list[Path]:
     """Write a report into a folder that is there; each file replaces an older one in one step.
 
     Parameters
@@ -343,6 +350,8 @@ def write_report(folder: Path, report: Report, *, pictures: Mapping[str, bytes] 
     report : Report
     pictures : mapping of str to bytes, optional
         PNG files by their names. Default: `froxel_ref.report_plots.pictures` of the report, or none without matplotlib.
+    shown : sequence of Picture
+        Of where the error lies, for the page and one sheet of their own.
 
     Returns
     -------
@@ -367,11 +376,13 @@ def write_report(folder: Path, report: Report, *, pictures: Mapping[str, bytes] 
     if report.refinement is not None:
         files[REFINEMENT] = refinement_csv(report.refinement.levels).encode()
     files |= (drawn(report) if able else {}) if pictures is None else pictures
-    files[PAGE] = page(report, drawings(report) if able else {}).encode()
+    if shown:
+        files[SHEET] = sheet_png(shown, title=f"{report.setup.scene}: where the error lies")
+    files[PAGE] = page(report, drawings(report) if able else {}, shown).encode()
     for name, content in files.items():
         with whole_file(folder / name, force=True) as partial:
             partial.write_bytes(content)
-    for name in {BUDGET, REFINEMENT, *PICTURES} - set(files):
+    for name in {BUDGET, REFINEMENT, SHEET, *PICTURES} - set(files):
         try:
             with suppress(FileNotFoundError):
                 (folder / name).unlink()

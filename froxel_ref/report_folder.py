@@ -10,12 +10,13 @@ from froxel_ref.output import check_folder, refusal
 from froxel_ref.records import InputError
 from froxel_ref.report import Tell, measure
 from froxel_ref.report_files import BUDGET, JSON, PAGE, PICTURES, POINTS, REFINEMENT, write_report
+from froxel_ref.report_pictures import SHEET, error_pictures
 from froxel_ref.report_points import Prepared
 from froxel_ref.report_record import Report
 
 __all__ = ["check_target", "drop_empty", "measured", "run_report"]
 
-FILES = (JSON, POINTS, BUDGET, REFINEMENT, PAGE, *PICTURES, report_log.LOG, report_log.IMAGES)
+FILES = (JSON, POINTS, BUDGET, REFINEMENT, PAGE, SHEET, *PICTURES, report_log.LOG, report_log.IMAGES)
 
 
 def check_target(folder: Path, *, force: bool = False, resume: bool = False) -> None:
@@ -85,7 +86,7 @@ def run_report(prepared: Prepared, folder: Path | str, *, force: bool = False, r
         report_log.begin(folder, prepared.header)
         done = {}
     report = measure(prepared, folder, done=done, tell=tell)
-    write_report(folder, report)
+    write_report(folder, report, shown=error_pictures(report, folder))
     return report
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 import html
 import json
 import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 
+from froxel_ref.report_pictures import FULL, Picture
 from froxel_ref.report_plots import (
     THEME,
     Drawing,
@@ -22,6 +24,9 @@ from froxel_ref.report_record import LeftOut, Point, Report, Spread
 __all__ = ["page"]
 
 STYLE = """
+.shots{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,17rem),1fr));gap:.8rem;margin:.6rem 0}
+.shots figure{margin:0}.shots img{width:100%;display:block;image-rendering:pixelated;border-radius:4px}
+.shots figcaption{font-size:.86em;margin:.25em 0 0}
 :root{color-scheme:light dark;THEME
 --line:light-dark(#d5d8de,#363b43);--head:light-dark(#eef0f4,#262a31);--mark:light-dark(#fff3c4,#443a12);
 --good:light-dark(#1b6e3c,#7fd6a0);--link:light-dark(#005a9c,#7cc0ff);--card:light-dark(#f7f8fa,#1d2025)}
@@ -179,7 +184,7 @@ MEMBERS = {"certain": "on the front", "possible": "perhaps on the front", "domin
            "failed": "failed"}
 
 
-def page(report: Report, drawings: Mapping[str, Drawing]) -> str:
+def page(report: Report, drawings: Mapping[str, Drawing], pictures: Sequence[Picture] = ()) -> str:
     """The page; no link leaves it, and nothing is fetched.
 
     Parameters
@@ -187,6 +192,8 @@ def page(report: Report, drawings: Mapping[str, Drawing]) -> str:
     report : Report
     drawings : mapping of str to Drawing
         From `froxel_ref.report_plots.drawings`; without any, the page has its tables and says what would draw.
+    pictures : sequence of Picture
+        Of where the error lies (`froxel_ref.report_pictures.error_pictures`).
 
     Returns
     -------
@@ -207,7 +214,7 @@ def page(report: Report, drawings: Mapping[str, Drawing]) -> str:
         ("plots", "Error against time", "Plots", _plots(report, drawings)),
         ("points", "All points", "Points", _points(report)),
         ("equal", "Equal time, equal error", "Equal time", _equal(report)),
-        ("budget", "Where the error comes from", "Budget", _budget(report, drawings)),
+        ("budget", "Where the error comes from", "Budget", _shown(pictures) + _budget(report, drawings)),
         ("refinement", "Refinement", "Refinement", _refinement(report, drawings)),
         ("stages", "Run time by stage", "Stages", _drawn("stages", "Times of stages in the run that was least; “all "
                                                           "else” is what none of them took.", drawings)),
@@ -321,7 +328,8 @@ def _told(point: Point) -> dict[str, object]:
     if _failed(point):
         lines.append(f"failed: {_why(point)}")
     if math.isfinite(point.errors.relmse):
-        lines.append(f"relMSE {number(point.errors.relmse)}, bias {percent(point.errors.bias)}, largest "
+        lines.append(f"relMSE {number(point.errors.relmse)}, mean |error| {percent(point.errors.absolute)}, "
+                     f"bias {percent(point.errors.bias)}, largest "
                      f"{number(point.errors.maximum)}")
     if point.errors.flip is not None:
         lines.append(f"FLIP {number(point.errors.flip)}")
@@ -362,7 +370,7 @@ def _recommendation(report: Report) -> str:
     advice = report.recommendation
     if advice is None:
         return ""
-    command = " ".join(filter(None, ["froxel-ref render", shlex.quote(report.setup.scene),
+    command = " ".join(filter(None, ["froxel-ref render", shlex.quote(report.setup.source or report.setup.scene),
                                      _sets([*report.setup.overrides, *advice.overrides])]))
     steps = []
     if advice.up is not None:
@@ -417,7 +425,8 @@ def _plots(report: Report, drawings: Mapping[str, Drawing]) -> str:
         return ("" if plots_available() else
                 "<p>The plots are missing: the extra <code>report</code> (Matplotlib) draws them.</p>")
     hint = "Point at a mark, tap it, or reach it by Tab and the arrow keys; a click marks its row in the table."
-    return (_drawn("error-against-time", "A point lies at the least time of its runs; its bar ends at the median. The "
+    return (_drawn("error-against-time", "A point lies at the least time of its runs; its bar ends where noise "
+                   "is likely to end. The "
                    f"stepped line is the least error that is reached in so much time. {hint}", drawings)
             + _drawn("flip-against-time", "The same by FLIP, which weighs errors as an eye does; its front is its own.",
                      drawings))
@@ -432,6 +441,7 @@ def _points(report: Report) -> str:
              ("front", "of relMSE and time", "w"), ("time [ms]", "of a frame, the least of the runs", "n"),
              ("median [ms]", "of the runs", "n"),
              ("speed-up", "the base’s time over this one’s", "n"), ("relMSE", "mean of (a − b)²/(b² + ε)", "n"),
+             ("mean |error|", "mean of |a − b|, over the mean of b", "n"),
              ("bias", "mean of a − b, over the mean of b", "n"),
              ("99.9th\u00a0pct.", "99.9th percentile of |a − b|, over the mean of b", "n"),
              ("largest", "largest |a − b|, over the mean of b", "n")]
@@ -479,7 +489,8 @@ def _row(report: Report, index: int, point: Point, base: float, flips: bool) -> 
              f'<td data-v="{list(MEMBERS).index(point.member) if point.member in MEMBERS else 9}">{front}</td>',
              _n(_least(point), milliseconds(spread.least if spread else None)),
              _n(spread.median if spread else None, milliseconds(spread.median if spread else None)),
-             _n(speed, _times(speed)), _n(errors.relmse, number(errors.relmse)), _n(errors.bias, percent(errors.bias)),
+             _n(speed, _times(speed)), _n(errors.relmse, number(errors.relmse)),
+             _n(errors.absolute, percent(errors.absolute)), _n(errors.bias, percent(errors.bias)),
              _n(errors.quantile, number(errors.quantile)), _n(errors.maximum, number(errors.maximum))]
     if flips:
         cells.append(_n(errors.flip, number(errors.flip)))
@@ -525,6 +536,19 @@ def _equal(report: Report) -> str:
         parts.append("<div><h3>With so much error</h3>" + _table(heads, rows, "small", label="Equal error") + "</div>")
     return (f'<div class="pair">{"".join(parts)}</div><p class="soft">Less error and speed-up are against the base: '
             "above 1 is better.</p>")
+
+
+def _shown(pictures: Sequence[Picture]) -> str:
+    """Small pictures side by side, their pixels as squares."""
+    if not pictures:
+        return ""
+    shots = "".join(
+        f'<figure><img alt="{_safe(each.title)}: {_safe(each.words)}" src="data:image/png;base64,'
+        f'{base64.b64encode(each.png).decode("ascii")}"><figcaption><b>{_safe(each.title)}</b> {_safe(each.words)}'
+        "</figcaption></figure>" for each in pictures)
+    return (f'<div class="shots">{shots}</div><p class="soft">Errors, and what single approximations add to them, over '
+            f"√(b² + ε): blue where the frame is too dark, red where it is too bright, full colour from "
+            f"{percent(FULL)} on.</p>")
 
 
 def _budget(report: Report, drawings: Mapping[str, Drawing]) -> str:
@@ -612,6 +636,10 @@ def _refinement(report: Report, drawings: Mapping[str, Drawing]) -> str:
             words += f" With half the step it is {_num(number(2.0**found.order))} times smaller."
         if found.residual is not None:
             words += f" Levels lie within {_num(percent(math.expm1(min(found.residual, 99.0))))} (rms) of that line."
+    if found.absolute_order is not None:
+        words += (f" The mean absolute error tends to it by the order "
+                  f"<b>{_num(f'{found.absolute_order:.2f}'.replace('-', '−'))}</b>, on which single pixels on edges of "
+                  "light have less hold.")
     rows, before = "", None
     for level in found.levels:
         errors = level.errors
@@ -623,12 +651,14 @@ def _refinement(report: Report, drawings: Mapping[str, Drawing]) -> str:
         rows += (f'<tr><th scope="row" class="lead">{_safe(level.label)}</th>' + _n(level.step, number(level.step))
                  + _n(errors.relmse, number(errors.relmse) + (f"<small>{_safe(errors.fault)}</small>"
                                                               if errors.fault else ""))
-                 + _n(local, f"{local:.2f}" if math.isfinite(local) else "–") + _n(errors.bias, percent(errors.bias))
+                 + _n(local, f"{local:.2f}" if math.isfinite(local) else "–")
+                 + _n(errors.absolute, percent(errors.absolute)) + _n(errors.bias, percent(errors.bias))
                  + _n(errors.quantile, number(errors.quantile)) + _n(errors.maximum, number(errors.maximum))
                  + _n(errors.flip, number(errors.flip)) + "</tr>")
         before = level
     heads = [("level", "", "w lead"), ("step", "over the coarsest level’s", "n"), ("relMSE", "", "n"),
-             ("order", "of √relMSE, from the level above", "n"), ("bias", "", "n"), ("99.9th pct.", "", "n"),
+             ("order", "of √relMSE, from the level above", "n"), ("mean |error|", "", "n"),
+             ("bias", "", "n"), ("99.9th pct.", "", "n"),
              ("largest", "", "n"), ("FLIP", "", "n")]
     return (f"<p>{words}</p>" + _drawn("refinement", "The dashed line is the fit.", drawings)
             + _table(heads, rows, "small", label="Refinement"))
@@ -683,7 +713,7 @@ def _failures(points: Sequence[Point]) -> str:
 
 def _reading(report: Report) -> str:
     setup, reference = report.setup, report.reference
-    flip = (f"HDR-FLIP (Andersson et al. 2021), mean of the image, at {_num(number(setup.pixels_per_degree))} pixels "
+    flip = (f"HDR-FLIP [Andersson 2021], mean of the image, at {_num(number(setup.pixels_per_degree))} pixels "
             "per degree of view" if not setup.flip else f"not taken: {_safe(setup.flip)}")
     entries = [
         ("reference", f"{_safe(reference.about)} It took {_long_time(reference.seconds)}. Its own relMSE, by its "
@@ -692,13 +722,16 @@ def _reading(report: Report) -> str:
          f"{_num(number(reference.rtol))}."),
         ("relMSE", f"mean of (a − b)²/(b² + ε) over pixels and channels, ε = {_num(number(setup.epsilon))}; a is the "
          f"frame, b the reference, both radiance times the exposure {_num(number(setup.exposure))}"),
+        ("mean |error|", "mean of |a − b| over the mean of b: a few pixels that are far off count by how far they "
+         "are, not by its square"),
         ("bias", "mean of a − b over the mean of b: whether the frame is too bright or too dark on the whole"),
         ("99.9th pct., largest", "of |a − b|, over the mean of b"),
         ("FLIP", flip),
         ("time", f"of a whole frame, warm, all stages, of {_num(_by(setup.size))} pixels and "
          f"{_num(_by(setup.grid))} froxels unless a knob turns them; least and median of up to "
          f"{_many(setup.repeats, 'run')}. The least is the best estimate on a machine that does other things too; the "
-         "bar to the median is what these add"),
+         "bar from there is what these add: to the median, and at least to "
+         f"{_num(f'{setup.noise:.2f}')} times the least, below which nine of ten points have their median"),
         ("errors of", f"images of {_num(_by(setup.raster))} pixels, the same view, apart from the timed "
          f"runs. Points that average over time are the last of {_many(setup.frames, 'frame')}"),
         ("front", "points that no other beats in both time and relMSE. Certain: whatever the noise of times, within "

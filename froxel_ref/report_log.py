@@ -10,7 +10,9 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,7 +171,8 @@ def store_image(folder: Path, name: str, image: NDArray[Any]) -> None:
 def load_image(folder: Path, name: str, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
     """The image of a measurement as it was kept; None if it is not there, or is no such image."""
     try:
-        image = np.load(image_path(folder, name), allow_pickle=False)
-    except (OSError, ValueError, EOFError):
+        with image_path(folder, name).open("rb") as file:
+            image = np.load(file, allow_pickle=False)
+    except (OSError, ValueError, EOFError, MemoryError, BadZipFile, TokenError):  # what damage makes NumPy raise
         return None
-    return image if image.dtype == np.float64 and image.shape == shape else None
+    return image if isinstance(image, np.ndarray) and image.dtype == np.float64 and image.shape == shape else None

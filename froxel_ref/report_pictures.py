@@ -16,11 +16,11 @@ from froxel_ref.panels import FAINT, INK, canvas, scaled, write
 from froxel_ref.report_points import BASE, EPSILON
 from froxel_ref.report_record import Budget, Report
 
-__all__ = ["ERRORS", "Picture", "diverging", "error_pictures", "sheet"]
+__all__ = ["SHEET", "Picture", "diverging", "error_pictures", "sheet", "sheet_png"]
 
 Image = NDArray[np.float64]
 
-ERRORS = "errors.png"
+SHEET = "errors.png"
 
 MARGIN, GAP, BOX, HEAD = 28, 22, (448, 448), 50
 
@@ -40,11 +40,7 @@ class Picture(NamedTuple):
     @property
     def png(self) -> bytes:
         """As a file's content, a pixel a texel."""
-        from PIL import Image as Pillow
-
-        held = io.BytesIO()
-        Pillow.fromarray(self.pixels).save(held, "png", optimize=True)
-        return held.getvalue()
+        return _png(self.pixels)
 
 
 def diverging(values: Image) -> Bytes:
@@ -66,7 +62,7 @@ def diverging(values: Image) -> Bytes:
     known = np.isfinite(values)
     share = np.clip(np.where(known, values, 0.0), -1.0, 1.0)[..., np.newaxis]
     end = np.where(share < 0.0, DARK, BRIGHT)
-    colours = np.rint(np.asarray(NEUTRAL) + np.abs(share) * (end - np.asarray(NEUTRAL))).astype(np.uint8)
+    colours: Bytes = np.rint(np.asarray(NEUTRAL) + np.abs(share) * (end - np.asarray(NEUTRAL))).astype(np.uint8)
     colours[~known & ~np.isinf(values)] = NOTHING
     colours[np.isposinf(values)], colours[np.isneginf(values)] = BRIGHT, DARK
     return colours
@@ -117,6 +113,19 @@ def _parts(budget: Budget, folder: Path, shape: tuple[int, int, int], whole: Ima
             continue
         found.append(Picture(part.name, f"{100.0 * part.share:.3g} % of relMSE", signed(adds)))
     return found
+
+
+def sheet_png(pictures: Sequence[Picture], *, title: str) -> bytes:
+    """All pictures on one page, as a file's content."""
+    return _png(sheet(pictures, title=title))
+
+
+def _png(pixels: Bytes) -> bytes:
+    from PIL import Image as Pillow
+
+    held = io.BytesIO()
+    Pillow.fromarray(pixels).save(held, "png", optimize=True)
+    return held.getvalue()
 
 
 def sheet(pictures: Sequence[Picture], *, title: str) -> Bytes:

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from froxel_ref.arrays import Field
+from froxel_ref.pareto import front
 from froxel_ref.records import InputError
 from froxel_ref.report_record import Point, Report
 
@@ -214,9 +215,7 @@ def front_of(points: Sequence[Point], norm: str = "relmse") -> dict[int, str]:
     ----------
     points : sequence of Point
     norm : str
-        "relmse" takes the members that the report has. By another one ("flip"), with times from their least to their
-        median: a point is dominated if another is no farther from the reference and surely faster, certain if none is
-        as near and possibly as fast.
+        "relmse" takes the members that the report has; another one ("flip") has those of `froxel_ref.pareto.front`.
 
     Returns
     -------
@@ -235,16 +234,10 @@ def front_of(points: Sequence[Point], norm: str = "relmse") -> dict[int, str]:
     if norm == "relmse":
         found = {i: p.member for i, p in enumerate(points) if p.member in ("certain", "possible") and _placed(p, norm)}
     else:
-        found = {}
-        for i, p in enumerate(points):
-            if p.member == "failed" or not _placed(p, norm):
-                continue
-            others = [(_error(q, norm), *_times(q)) for j, q in enumerate(points)
-                      if j != i and q.member != "failed" and _placed(q, norm)]
-            error, (least, median) = _error(p, norm), _times(p)
-            if not any(e <= error and late < least for e, _, late in others):
-                rivals = any(e <= error and early <= median for e, early, _ in others)
-                found[i] = "possible" if rivals else "certain"
+        use = [i for i, p in enumerate(points) if p.member != "failed" and _placed(p, norm)]
+        low, high = zip(*(_times(points[i]) for i in use), strict=True) if use else ((), ())
+        members = front([_error(points[i], norm) for i in use], low, high).membership if use else ()
+        found = {i: member for i, member in zip(use, members, strict=True) if member in ("certain", "possible")}
     return dict(sorted(found.items(), key=lambda item: _times(points[item[0]])[0]))
 
 
@@ -254,10 +247,10 @@ def _error(point: Point, norm: str) -> float:
 
 
 def _times(point: Point) -> tuple[float, float]:
-    """Least and median, NaN where there are none."""
-    if point.seconds is None or not point.seconds.least > 0.0 or not math.isfinite(point.seconds.median):
+    """Both ends of the error bar, NaN where there are none."""
+    if point.seconds is None or not point.seconds.least > 0.0 or not math.isfinite(point.seconds.end):
         return math.nan, math.nan
-    return float(point.seconds.least), float(max(point.seconds.median, point.seconds.least))
+    return float(point.seconds.least), float(max(point.seconds.end, point.seconds.least))
 
 
 def _placed(point: Point, norm: str) -> bool:
@@ -767,7 +760,7 @@ def _key(sheet: _Sheet, points: Sequence[Point], spots: Sequence[_Spot], looks: 
     said = {"certain": "on the front", "possible": "perhaps on the front", "": "another is better"}
     members = {front.get(s.place, "") for s in spots if not s.failed}
     signs += [(words, member or "dominated") for member, words in said.items() if member in members]
-    signs += [("least to median of the runs", "bar")] * any(s.end > s.x for s in spots)
+    signs += [("time: least of the runs, and noise", "bar")] * any(s.end > s.x for s in spots)
     signs += [("failed", "failed")] * any(s.failed for s in spots)
     signs += [("recommended", "bold")] * recommended
     entries = [(knob, *looks[knob]) for knob in knobs] + [(words, sign, "ink") for words, sign in signs]
@@ -909,8 +902,8 @@ def figure_budget(report: Report, width: float = WIDE) -> Figure | None:
         rows = []
         for part in budget.parts:
             pieces = tuple((part.regions.get(name, 0.0), colours[name]) for name in names)
-            rows.append(_row(part.name, pieces or ((part.share, "front"),), part.alone / budget.total,
-                             percent(part.share), percent(part.alone / budget.total)))
+            alone = math.nan if part.alone is None else part.alone / budget.total
+            rows.append(_row(part.name, pieces or ((part.share, "front"),), alone, percent(part.share), percent(alone)))
         for name, share, relmse in (("rest, with all parts true", budget.rest, budget.rest_relmse),
                                     ("interaction of parts", budget.interaction, budget.interaction_relmse)):
             rows.append(_row(name, ((share, "edge"),), relmse / budget.total,
@@ -1017,7 +1010,7 @@ def figure_planned(report: Report, width: float = WIDE) -> Figure | None:
 
 
 def figure_refinement(report: Report, width: float = WIDE) -> Figure | None:
-    """The root of relMSE against the step, both logarithmic, with the fitted order.
+    """The root of relMSE and the mean absolute error against the step, logarithmic, with the fitted orders.
 
     Parameters
     ----------
@@ -1039,16 +1032,21 @@ def figure_refinement(report: Report, width: float = WIDE) -> Figure | None:
         x0, y0 = (50.0 if sheet.narrow else 66.0), 28.0
         x1, y1 = sheet.width - 14.0, y0 + (230.0 if sheet.narrow else 310.0)
         steps, roots = [level.step for level in levels], [math.sqrt(level.errors.relmse) for level in levels]
+        series = [("√relMSE", roots, refinement.order, refinement.residual, "s0", "o")]
+        means = [level.errors.absolute for level in levels]
+        if all(0.0 < mean < 1e300 for mean in means):
+            series.append(("mean |error|", means, refinement.absolute_order, refinement.absolute_residual, "s1", "s"))
+        every = [error for _, errors, *_ in series for error in errors]
         floor = math.sqrt(report.reference.floor) if 0.0 < report.reference.floor < math.inf else 0.0
-        lowest = min(roots) if floor < 0.2 * min(roots) else min(*roots, 0.7 * floor)
+        lowest = min(every) if floor < 0.2 * min(every) else min(*every, 0.7 * floor)
 
         def scale(these: Sequence[float], start: float, end: float, pad: float) -> _Log:
             low, high = math.log10(min(these)), math.log10(max(these))
             span = max(high - low, 0.3)
             return _Log(low - pad * span, high + pad * span, start, end)
 
-        across, up = scale(steps, x0, x1, 0.12), scale([lowest, max(roots)], y1, y0, 0.14)
-        sheet.text(4.0, 12.0, "√relMSE [1]", bold=True)
+        across, up = scale(steps, x0, x1, 0.12), scale([lowest, max(every)], y1, y0, 0.14)
+        sheet.text(4.0, 12.0, " and ".join(name for name, *_ in series) + " [1]", bold=True)
         for value in _halves(steps):
             x = across.at(value)
             sheet.line([x, x], [y0, y1], "grid", 0.8, order=1.5)
@@ -1064,12 +1062,19 @@ def figure_refinement(report: Report, width: float = WIDE) -> Figure | None:
             sheet.box(x0, y, x1, y1, "soft", alpha=0.13)
             sheet.line([x0, x1], [y, y], "soft", 1.2, dash=True)
             sheet.text(x1 - 6.0, min(y + 10.0, y1 - 9.0), "the reference is no better", "soft", "right")
-        things = np.array([(across.at(s) - 6.0, up.at(r) - 6.0, across.at(s) + 6.0, up.at(r) + 6.0)
-                           for s, r in zip(steps, roots, strict=True)])
-        if refinement.order is not None and abs(refinement.order) < 50.0:
-            things = np.concatenate([things, _fit(sheet, refinement.order, steps, roots, across, up)])
-        for step, root in zip(steps, roots, strict=True):
-            sheet.mark(across.at(step), up.at(root), "o", "s0", 8.0)
+        things = np.array([(across.at(s) - 6.0, up.at(e) - 6.0, across.at(s) + 6.0, up.at(e) + 6.0)
+                           for _, errors, *_ in series for s, e in zip(steps, errors, strict=True)])
+        for at, (name, errors, order, residual, colour, shape) in enumerate(series):
+            if order is not None and abs(order) < 50.0:
+                things = np.concatenate([things, _fit(sheet, order, steps, errors, across, up, colour)])
+            for step, error in zip(steps, errors, strict=True):
+                sheet.mark(across.at(step), up.at(error), shape, colour, 8.0)
+            said = f"{name}: " + ("no order could be fitted" if order is None else f"order {order:.2f}")
+            if order is not None and residual is not None:
+                said += f" (fit to within {percent(math.expm1(min(residual, 99.0)))})"
+            y = y0 + 16.0 + 1.4 * at * sheet.size
+            sheet.text(x0 + 10.0, y, said, colour if order is not None else "soft", bold=True)
+            things = np.concatenate([things, [[x0, y - 9.0, x0 + 14.0 + sheet.long(said, True), y + 9.0]]])
         anchors = np.array([(across.at(s), up.at(r)) for s, r in zip(steps, roots, strict=True)])
         words = [sheet.cut(level.label, 200.0) for level in levels]
         if not sheet.narrow:
@@ -1077,10 +1082,6 @@ def figure_refinement(report: Report, width: float = WIDE) -> Figure | None:
                                (x0 + 3.0, y0 + 3.0, x1 - 3.0, y1 - 3.0))
             for at, (text, box) in enumerate(zip(words, boxes, strict=True)):
                 _draw_label(sheet, _Spot(at, anchors[at, 0], anchors[at, 1], math.nan, False), text, box, "soft", False)
-        said = "no order could be fitted" if refinement.order is None else f"order {refinement.order:.2f}"
-        if refinement.order is not None and refinement.residual is not None:
-            said += f" (fit to within {percent(math.expm1(min(refinement.residual, 99.0)))})"
-        sheet.text(x0 + 10.0, y0 + 16.0, said, "s1" if refinement.order is not None else "soft", bold=True)
         return sheet.finish(y1 + 44.0)
 
 
@@ -1094,13 +1095,14 @@ def _fraction(step: float) -> str:
     return f"1/{round(inverse)}" if inverse > 1.5 and abs(inverse - round(inverse)) < 1e-6 else f"{step:.3g}"
 
 
-def _fit(sheet: _Sheet, order: float, steps: Sequence[float], roots: Sequence[float], across: _Log, up: _Log) -> Field:
+def _fit(sheet: _Sheet, order: float, steps: Sequence[float], roots: Sequence[float], across: _Log, up: _Log,
+         colour: str) -> Field:
     """The line of that slope through the middle of the points; returns boxes along it."""
     middle = (float(np.mean(np.log10(steps))), float(np.mean(np.log10(roots))))
     ends = [min(steps), max(steps)]
     xs = [across.at(step) for step in ends]
     ys = [up.at_power(middle[1] + order * (math.log10(step) - middle[0])) for step in ends]
-    sheet.line(xs, ys, "s1", 1.5, dash=True)
+    sheet.line(xs, ys, colour, 1.5, dash=True)
     along = np.linspace(0.0, 1.0, 24)[:, None]
     points = np.array([xs[0], ys[0]]) * (1.0 - along) + np.array([xs[1], ys[1]]) * along
     return np.concatenate([points - 3.0, points + 3.0], axis=1)

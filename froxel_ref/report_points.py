@@ -118,6 +118,7 @@ class Prepared(NamedTuple):
     parts_left_out: tuple[LeftOut, ...]
     overrides: tuple[str, ...]
     about: str
+    source: str
 
     @property
     def raster(self) -> tuple[int, int]:
@@ -142,8 +143,8 @@ def digest(loaded: Loaded) -> str:
 # --- what is to be measured -----------------------------------------------------------------------------
 
 
-def prepare(loaded: Loaded, asked: Asked, *, overrides: Sequence[str] = (), about: str = "", sweep: bool = True
-            ) -> Prepared:
+def prepare(loaded: Loaded, asked: Asked, *, overrides: Sequence[str] = (), about: str = "", source: str = "",
+            sweep: bool = True) -> Prepared:
     """Check what is asked for and list what is to be measured.
 
     Parameters
@@ -154,6 +155,8 @@ def prepare(loaded: Loaded, asked: Asked, *, overrides: Sequence[str] = (), abou
         What made these settings of the scene's own, for the report to tell.
     about : str
         The scene's sentence.
+    source : str
+        What it was called; the scene's name unless given.
     sweep : bool
         Refuse a report of the base alone.
 
@@ -176,11 +179,15 @@ def prepare(loaded: Loaded, asked: Asked, *, overrides: Sequence[str] = (), abou
     planned = plan(scene, how, [final_result(how)])
     spots, left_out = _spots(subject, planned, asked)
     if sweep and len(spots) == 1:
-        reasons = "; ".join(f"{each.name}: {each.why}" for each in left_out[:3]) or "every value is the base's own"
-        raise InputError("--knobs", f"leave an empty sweep ({reasons}), must name some that this scene has a use for")
+        reasons = "; ".join(f"{each.name}: {each.why}" for each in left_out[:3]) or (
+            "every value of the quick suite is the base's own, --suite full may have others" if asked.suite == "quick"
+            else "every value is the base's own")
+        option = "--knobs" if any(knob in KNOBS for knob in asked.knobs) or not asked.knobs else "--sweep"
+        raise InputError(option, f"leaves nothing to sweep ({reasons}), must have what this scene has a use for")
     parts, others = parts_of(scene, how, planned, raster=(subject.small.camera.width, subject.small.camera.height),
                              refine=suite.refine)
-    return Prepared(subject, asked, suite, planned, spots, left_out, parts, others, tuple(overrides), about)
+    return Prepared(subject, asked, suite, planned, spots, left_out, parts, others, tuple(overrides), about,
+                    source or loaded.scene.name)
 
 
 def _pixels(loaded: Loaded, suite: Suite) -> int:

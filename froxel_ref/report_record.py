@@ -354,7 +354,7 @@ class Saved(NamedTuple):
 
 
 class AtTime(NamedTuple):
-    """A row of equal time: the most exact point whose median fits; None where none does."""
+    """A row of equal time: the most exact point whose error bar lies within; None where none does."""
 
     budget: float
     point: str | None
