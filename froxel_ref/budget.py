@@ -2,13 +2,17 @@
 
 A *part* is one way in which the frame departs from the truth, with a function that turns settings into those without
 it: a fine enough grid, exact shadows, no filter. With F(S) the image whose parts in S are approximate and T the truth,
-the error e = F(all) − T is taken apart as
+part i adds a_i = F(only i) − F(none) to a frame that is true otherwise, and m_i = F(all) − F(all but i) to one that is
+approximate otherwise. The error e = F(all) − T is taken apart as
 
-    e = Σ_i a_i + r + x,    a_i = F(only i) − F(none),    r = F(none) − T,
+    e = Σ_i s_i + r + x,    s_i = ½(a_i + m_i),    r = F(none) − T,
 
-where r is what the replacements, fine but not infinitely so, leave, and x what parts do together. In the inner product
-⟨u, v⟩ = mean of u·v/(T² + ε), in which relMSE is ⟨e, e⟩, the shares ⟨a_i, e⟩/⟨e, e⟩, those of r and of x add up to 1.
-Where F(only i) would take too long, a_i is F(all) − F(all but i) instead: what i adds to the others.
+where r is what the replacements, fine but not infinitely so, leave. If parts interact in pairs at most,
+F(S) = F(none) + Σ_i a_i + Σ_{i<j} b_ij, then m_i = a_i + Σ_j b_ij, so that each of two gets half of what they do
+together, and x is nothing: s_i is then the mean of what i adds over all orders in which parts may be switched on
+[Shapley 1953]. x is what three and more do together. In the inner product ⟨u, v⟩ = mean of u·v/(T² + ε), in which
+relMSE is ⟨e, e⟩, the shares ⟨s_i, e⟩/⟨e, e⟩, those of r and of x add up to 1. Where F(only i) would take too long, s_i
+is m_i.
 """
 
 from __future__ import annotations
@@ -26,7 +30,7 @@ from froxel_ref.report_record import Budget, BudgetPart, Claim, LeftOut
 from froxel_ref.scene import Scene
 from froxel_ref.settings import SWITCHES, FogLookup, LongRange, Settings, Switches, Temporal, replace
 
-__all__ = ["Part", "all_true", "make_budget", "only", "parts_of"]
+__all__ = ["Part", "added", "all_true", "make_budget", "only", "parts_of"]
 
 Image = NDArray[np.float64]
 
@@ -182,6 +186,31 @@ def only(settings: Settings, parts: Sequence[Part], approximate: Part) -> Settin
 # --- the sums -------------------------------------------------------------------------------------------
 
 
+def added(name: str, *, whole: Image, none: Image, alone: Mapping[str, Image], without: Mapping[str, Image]) -> Image:
+    """What a part adds to an image: the mean of what it adds when it comes first and when it comes last.
+
+    Parameters
+    ----------
+    name : str
+        Of the part.
+    whole, none, alone, without
+        As for `make_budget`.
+
+    Returns
+    -------
+    ndarray, shape (3, h, w)
+
+    Examples
+    --------
+    >>> one = lambda value: np.full((3, 1, 1), value)
+    >>> last = {"whole": one(4.0), "without": {"depth": one(2.0)}}
+    >>> added("depth", none=one(0.0), alone={"depth": one(1.0)}, **last).ravel().tolist()
+    [1.5, 1.5, 1.5]
+    """
+    last = whole - without[name]
+    return 0.5 * (alone[name] - none + last) if name in alone else last
+
+
 def make_budget(parts: Sequence[Part], left_out: Sequence[LeftOut], *, truth: Image, whole: Image, none: Image,
                 alone: Mapping[str, Image], without: Mapping[str, Image], epsilon: float,
                 regions: Mapping[str, NDArray[np.bool_]]) -> Budget:
@@ -208,8 +237,8 @@ def make_budget(parts: Sequence[Part], left_out: Sequence[LeftOut], *, truth: Im
 
     Notes
     -----
-    The claim: if parts simply add up, F(all but j) − T is e − a_j. With m_j = F(all) − F(all but j), what the part
-    adds when all others are on, the two differ by m_j − a_j, and the roots of their relMSE by at most ‖m_j − a_j‖.
+    The claim: without part j, e − s_j is left. What is left is e − m_j; the two differ by m_j − s_j = ½(m_j − a_j),
+    half of what the part does together with others, and the roots of their relMSE by at most the root of that one's.
 
     Examples
     --------
@@ -238,12 +267,13 @@ def make_budget(parts: Sequence[Part], left_out: Sequence[LeftOut], *, truth: Im
 
     found, together = [], error - (none - truth)
     for part in parts:
-        tried = part.name in alone
-        adds = alone[part.name] - none if tried else whole - without[part.name]
+        adds = added(part.name, whole=whole, none=none, alone=alone, without=without)
         together = together - adds
+        first = alone[part.name] - none if part.name in alone else None
         left = without[part.name] - truth
         found.append(BudgetPart(
-            part.name, part.about, part.truth, product(adds, adds) if tried else None, product(left, left), share(adds),
+            part.name, part.about, part.truth, None if first is None else product(first, first), product(left, left),
+            share(adds),
             float(np.mean(adds)) / mean if mean else 0.0, {name: share(adds, mask) for name, mask in regions.items()}))
     rest = none - truth
     return Budget(
@@ -260,6 +290,6 @@ def _claim(found: Sequence[BudgetPart], error: Image, none: Image, alone: Mappin
     if not tried:
         return None
     largest = max(tried, key=lambda part: part.share)
-    adds, more = alone[largest.name] - none, whole - without[largest.name]
-    left, apart = error - adds, more - adds
+    adds = added(largest.name, whole=whole, none=none, alone=alone, without=without)
+    left, apart = error - adds, whole - without[largest.name] - adds
     return Claim(largest.name, product(left, left), largest.without, float(np.sqrt(product(apart, apart))))

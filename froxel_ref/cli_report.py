@@ -226,16 +226,15 @@ def _print_budget(budget: Budget, table: Callable[[Sequence[Sequence[str]], str]
     rows.append(("rest", f"{100.0 * budget.rest:.1f} %", f"{budget.rest_relmse:.2e}", "",
                  "what the finer settings leave"))
     rows.append(("interaction", f"{100.0 * budget.interaction:.1f} %", f"{budget.interaction_relmse:.2e}", "",
-                 "what parts do together and none alone"))
+                 "what three and more parts do together"))
     whole = sum(part.share for part in budget.parts) + budget.rest + budget.interaction
     rows.append(("total", f"{100.0 * whole:.1f} %", f"{budget.total:.2e}", "", "relMSE of the frame as it is"))
     table(rows, "lrrrl")
     if budget.claim is not None:
         claim = budget.claim
         apart = abs(claim.claimed**0.5 - claim.measured**0.5)
-        print(f"with {claim.name} true, relMSE should fall to {claim.claimed:.2e} if parts simply added up, and falls "
-              f"to {claim.measured:.2e}: the roots differ by {apart:.2e}, the interaction explains up to "
-              f"{claim.slack:.2e}")
+        print(f"with {claim.name} true, by the budget {claim.claimed:.2e} should be left, and {claim.measured:.2e} is: "
+              f"the roots differ by {apart:.2e}, what it does together with others explains up to {claim.slack:.2e}")
 
 
 def _print_refinement(report: Report, table: Callable[[Sequence[Sequence[str]], str], None]) -> None:

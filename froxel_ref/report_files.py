@@ -126,9 +126,9 @@ def report_json(report: Report) -> dict[str, Json]:
 
     Examples
     --------
-    >>> from froxel_ref.report_record import Level, Refinement
-    >>> _plain(Refinement((), 2.0, float("nan")))
-    {'levels': [], 'order': 2.0, 'residual': 'nan'}
+    >>> from froxel_ref.report_record import Claim
+    >>> _plain(Claim("depth", 2.0, float("nan"), 0.0))
+    {'name': 'depth', 'claimed': 2.0, 'measured': 'nan', 'slack': 0.0}
     """
     columns = {column.path: column.about for column in (*POINT_COLUMNS, *PART_COLUMNS, *LEVEL_COLUMNS)}
     columns |= dict([STAGE, REGION])
@@ -262,7 +262,7 @@ def points_csv(points: Sequence[Point]) -> str:
 
     Examples
     --------
-    >>> points_csv([]).startswith("id,knob,label,overrides,frames,relmse,bias")
+    >>> points_csv([]).startswith("id,knob,label,overrides,frames,relmse,mean_absolute,bias")
     True
     """
     stages = list(dict.fromkeys(name for point in points for name in point.stages))
@@ -294,7 +294,7 @@ def budget_csv(budget: Budget) -> str:
     >>> print(budget_csv(Budget(0.25, (), (), 0.75, 0.125, 0.25, 0.0625, None, {"sky": 1.0}, {"sky": 1.0})))
     row,name,about,truth,share,alone,without,bias,share_in_sky
     rest,rest,what is left with all parts true,,0.75,0.125,,,
-    interaction,interaction,what parts do together and none does alone,,0.25,0.0625,,,
+    interaction,interaction,what three and more parts do together,,0.25,0.0625,,,
     total,total,the frame,,1.0,0.25,,,1.0
     <BLANKLINE>
     """
@@ -304,7 +304,7 @@ def budget_csv(budget: Budget) -> str:
     nothing = [None] * len(regions)
     rows.append(["rest", "rest", "what is left with all parts true", None, budget.rest, budget.rest_relmse, None, None,
                  *nothing])
-    rows.append(["interaction", "interaction", "what parts do together and none does alone", None, budget.interaction,
+    rows.append(["interaction", "interaction", "what three and more parts do together", None, budget.interaction,
                  budget.interaction_relmse, None, None, *nothing])
     rows.append(["total", "total", "the frame", None, 1.0, budget.total, None, None,
                  *(budget.region_totals[name] for name in regions)])
@@ -327,9 +327,9 @@ def refinement_csv(levels: Sequence[Level]) -> str:
     Examples
     --------
     >>> from froxel_ref.report_record import Errors
-    >>> print(refinement_csv([Level("1/1", 1.0, Errors(0.5, 0.25, 1.0, 2.0))]))
-    label,step,relmse,bias,quantile_999,maximum,flip,error_fault
-    1/1,1.0,0.5,0.25,1.0,2.0,,
+    >>> print(refinement_csv([Level("1/1", 1.0, Errors(0.5, 0.25, 1.0, 2.0, absolute=0.75))]))
+    label,step,relmse,mean_absolute,bias,quantile_999,maximum,flip,error_fault
+    1/1,1.0,0.5,0.75,0.25,1.0,2.0,,
     <BLANKLINE>
     """
     return _table([column.heading for column in LEVEL_COLUMNS],

@@ -572,7 +572,7 @@ def _budget(report: Report, drawings: Mapping[str, Drawing]) -> str:
     for name, share, relmse, words in (
             ("rest", budget.rest, budget.rest_relmse, "left when all parts are true: fine, but not infinitely so"),
             ("interaction", budget.interaction, budget.interaction_relmse,
-             "what parts do together and none does alone")):
+             "what three and more parts do together; of two, each has half")):
         rows += (f'<tr><th scope="row" class="lead">{name}</th>' + _n(share, percent(share))
                  + _n(relmse, number(relmse)) + blank + f"<td>{words}</td></tr>")
     total = sum(part.share for part in budget.parts) + budget.rest + budget.interaction
@@ -580,8 +580,9 @@ def _budget(report: Report, drawings: Mapping[str, Drawing]) -> str:
             f"{_n(budget.total, number(budget.total))}<td></td><td></td>"
             + "".join(_n(v, percent(v)) for v in budget.region_totals.values())
             + "<td>the frame’s relMSE, and where in the image it is</td></tr>")
-    return (_drawn("budget", "Shares of parts that undo each other are negative, to the left. The thin mark is what a "
-                   "part would make alone.", drawings)
+    return (_drawn("budget", "A share is the mean of what a part adds first, to a frame that is true otherwise, "
+                   "and last, to one that is not; negative where it undoes what others do. The thin mark is what it "
+                   "makes alone.", drawings)
             + f"<p>{_adds_up(report, total)}</p>" + _table(heads, rows, "small", label="Budget", foot=foot)
             + _regions(report))
 
@@ -601,9 +602,9 @@ def _adds_up(report: Report, total: float) -> str:
         return words
     gap = abs(math.sqrt(max(claim.claimed, 0.0)) - math.sqrt(max(claim.measured, 0.0)))
     held = gap <= claim.slack * (1.0 + 1e-6) + 1e-12
-    return (f"{words} The check: with <b>{_safe(claim.name)}</b> true, relMSE should fall to "
-            f"{_num(number(claim.claimed))} if parts simply add up; it falls to {_num(number(claim.measured))}. The "
-            f"roots differ by {_num(number(gap))}; the interaction of this part with the others allows "
+    return (f"{words} The check: with <b>{_safe(claim.name)}</b> true, {_num(number(claim.claimed))} of relMSE should "
+            f"be left by the budget, and {_num(number(claim.measured))} is. The roots differ by {_num(number(gap))}; what "
+            f"this part does together with others explains up to "
             f"{_num(number(claim.slack))}: " + ('<b class="good">the claim holds</b>.' if held else
                                                '<b class="fail">the claim does not hold</b>.'))
 
@@ -685,7 +686,7 @@ def _left_out(report: Report, drawings: Mapping[str, Drawing]) -> str:
                  ("runs", "", "n"), ("memory [MB]", "the most that arrays took at one moment", "n")]
         parts.append(_table(heads, row("as planned", saved.planned, saved.planned_bytes)
                             + row("all forced on", saved.forced, saved.forced_bytes), "small", label="Saved"))
-        parts.append(_list("Stages that do not run", saved.left_out))
+        parts.append(_list("Stages, and parts of stages, that do not run", saved.left_out))
     parts.append(_list("Knobs that this scene does not need", report.left_out))
     if report.budget is not None:
         parts.append(_list("Approximations that this frame does not make", report.budget.left_out))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from froxel_ref import report_log
+from froxel_ref.budget import added
 from froxel_ref.display import Bytes, to_srgb8
 from froxel_ref.panels import FAINT, INK, canvas, scaled, write
 from froxel_ref.report_points import BASE, EPSILON
@@ -105,12 +106,10 @@ def _parts(budget: Budget, folder: Path, shape: tuple[int, int, int], whole: Ima
     for part in budget.parts:
         alone = report_log.load_image(folder, f"budget: {part.name} alone", shape)
         without = report_log.load_image(folder, f"budget: without {part.name}", shape)
-        if part.alone is not None and alone is not None and none is not None:
-            adds = alone - none
-        elif without is not None:
-            adds = whole - without
-        else:
+        if without is None or none is None:
             continue
+        first = {} if part.alone is None or alone is None else {part.name: alone}
+        adds = added(part.name, whole=whole, none=none, alone=first, without={part.name: without})
         found.append(Picture(part.name, f"{100.0 * part.share:.3g} % of relMSE", signed(adds)))
     return found
 

@@ -207,8 +207,9 @@ class Reference(NamedTuple):
 class BudgetPart(NamedTuple):
     """What one approximation of the frame adds to its error.
 
-    With e the error image of the frame, a that of a frame with this approximation alone (all others replaced by
-    their truth) minus that of a frame with none, ⟨u, v⟩ the mean of u·v/(b² + ε), so that relMSE = ⟨e, e⟩:
+    With e the error image of the frame, a what this approximation adds to a frame with none (all others replaced by
+    their truth), m what it adds to a frame with all others, s = ½(a + m), and ⟨u, v⟩ the mean of u·v/(b² + ε), so that
+    relMSE = ⟨e, e⟩:
 
     Attributes
     ----------
@@ -216,14 +217,13 @@ class BudgetPart(NamedTuple):
     truth : str
         What it is replaced by, in words.
     alone : float or None [1]
-        ⟨a, a⟩: its relMSE with everything else true. None where that would take too long: a is then what this part
-        adds to all others.
+        ⟨a, a⟩: its relMSE with everything else true. None where that would take too long: s is then m.
     without : float [1]
         relMSE of the frame with this part replaced by its truth, all others on.
     share : float [1]
-        ⟨a, e⟩/⟨e, e⟩: its share of the total; may be negative, where it undoes what others do.
+        ⟨s, e⟩/⟨e, e⟩: its share of the total; may be negative, where it undoes what others do.
     bias : float [1]
-        Mean of a, over the mean of the reference.
+        Mean of s, over the mean of the reference.
     regions : mapping of str to float [1]
         Its share, by region of the image: they add up to ``share``.
     """
@@ -239,19 +239,18 @@ class BudgetPart(NamedTuple):
 
 
 class Claim(NamedTuple):
-    """What replacing the largest part by its truth should leave of the error, and what it does.
+    """What replacing the largest part by its truth leaves of the error by the budget, and in the frame.
 
     Attributes
     ----------
     name : str
         Of the part.
     claimed : float [1]
-        ⟨e − a, e − a⟩: relMSE that is left if parts simply add up.
+        ⟨e − s, e − s⟩: relMSE that is left by the budget.
     measured : float [1]
         relMSE of the frame with that part true.
     slack : float [1]
-        √⟨m − a, m − a⟩ with m what the part adds when all others are on: the roots of the two may differ by so much,
-        which is this part's interaction with the others.
+        √⟨m − s, m − s⟩, half of what this part does together with others: the roots of the two may differ by so much.
     """
 
     name: str
@@ -276,7 +275,7 @@ class Budget(NamedTuple):
     rest_relmse : float [1]
         Its relMSE.
     interaction : float [1]
-        Share of what parts do together and none of them does alone.
+        Share of what three and more parts do together; what two do is shared between them.
     interaction_relmse : float [1]
         relMSE of that image.
     claim : Claim or None
