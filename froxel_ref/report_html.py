@@ -603,8 +603,8 @@ def _adds_up(report: Report, total: float) -> str:
     gap = abs(math.sqrt(max(claim.claimed, 0.0)) - math.sqrt(max(claim.measured, 0.0)))
     held = gap <= claim.slack * (1.0 + 1e-6) + 1e-12
     return (f"{words} The check: with <b>{_safe(claim.name)}</b> true, {_num(number(claim.claimed))} of relMSE should "
-            f"be left by the budget, and {_num(number(claim.measured))} is. The roots differ by {_num(number(gap))}; what "
-            f"this part does together with others explains up to "
+            f"be left by the budget, and {_num(number(claim.measured))} is. The roots differ by {_num(number(gap))}; "
+            "what this part does together with others explains up to "
             f"{_num(number(claim.slack))}: " + ('<b class="good">the claim holds</b>.' if held else
                                                '<b class="fail">the claim does not hold</b>.'))
 

@@ -273,7 +273,8 @@ def test_bars_of_stages_are_as_long_as_their_times():
 def test_refinement_says_its_order_and_draws_its_slope():
     figure = figure_refinement(rich(), WIDE)
     assert any(words.startswith("√relMSE: order 1.90") for words in words_of(figure))
-    (fit,) = [line for line in figure.axes[0].lines if line.get_color() == THEME["s0"][0] and len(line.get_xdata()) == 2]
+    (fit,) = [line for line in figure.axes[0].lines
+              if line.get_color() == THEME["s0"][0] and len(line.get_xdata()) == 2]
     dots = [(line.get_xdata()[0], line.get_ydata()[0]) for line in figure.axes[0].lines if line.get_marker() == "o"]
     assert len(dots) == 5
     # Pixels to a factor of two, across and up, from the points themselves: ends are 16 apart in step.
