@@ -251,8 +251,8 @@ def test_what_is_lost_is_measured_again_and_nothing_else(whole: tuple[Path, Repo
             path.unlink()
         lost = [name for name in names if name.startswith(("reference", "image", "budget", "level"))]
     else:
-        lost = [{"image gone": "image grid.depth=4", "image damaged": "budget: none", "truth gone": "reference"}[damage]]
-        path = report_log.image_path(folder, lost[0])
+        name = {"image gone": "image grid.depth=4", "image damaged": "budget: none", "truth gone": "reference"}[damage]
+        lost, path = [name], report_log.image_path(folder, name)
         if damage == "image damaged":
             path.write_bytes(path.read_bytes()[:1000])
         else:
@@ -331,7 +331,7 @@ def test_a_report_of_something_else_is_left_as_it_is(whole: tuple[Path, Report],
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     for other in (prepared("uniform"), prepared("shaft"), prepared(*SHAFT, sweep="grid.depth=4"),
                   prepared(*SHAFT, suite="full")):
-        with pytest.raises(InputError, match="--resume: .* is of another "):
+        with pytest.raises(InputError, match=r"--resume: .* is of another "):
             run_report(other, folder, resume=True)
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
