@@ -28,7 +28,7 @@ from froxel_ref.report_sums import noise_of, put_together
 from froxel_ref.scene import Camera, DirectionalLight, ImageBuffers, Medium, Scene
 from froxel_ref.scene_files import Loaded, builtin
 from froxel_ref.sequence import run_sequence
-from froxel_ref.settings import Grid, LongRange, OpacityMaps, Settings, ShadowMaps, Switches, replace
+from froxel_ref.settings import SWITCHES, Grid, LongRange, OpacityMaps, Settings, ShadowMaps, Switches, replace
 from froxel_ref.truth_image import render_truth
 
 GRID = ["grid.width=8", "grid.height=6", "grid.depth=8"]
@@ -81,9 +81,14 @@ def test_the_full_suite_has_the_quick_ones_points_and_more() -> None:
 @pytest.mark.parametrize("name", ["uniform", "shaft", "long-range", "hall-walk", "vacuum", "particles-in-fog"])
 def test_points_are_unlike_one_another(name: str) -> None:
     found = prepare(load(name, overrides=[*GRID, *SIZE]), Asked(suite="full", knobs=(
-        *KNOBS, own_knob("grid.depth=16,8,16.0"), own_knob("precision=float32"), own_knob("settings.grid.depth=16"))))
+        *KNOBS, own_knob("grid.depth=16,8,16.0"), own_knob("precision=float32"), own_knob("settings.grid.depth=16"),
+        own_knob("emission=per_metre,published"), own_knob("fidelity=corrected"))))
+    assert {"integrator=analytic", "phase=weighted", "fidelity=corrected", "emission=per_metre"}.isdisjoint(
+        spot.id for spot in found.spots)
     assert len({spot.id for spot in found.spots}) == len(found.spots)
-    assert len({(spot.settings, spot.frames) for spot in found.spots}) == len(found.spots)
+    switches = [tuple(getattr(spot.settings, name) for name in SWITCHES) for spot in found.spots]
+    bare = [replace(spot.settings, fidelity="corrected", switches=Switches()) for spot in found.spots if spot.settings]
+    assert len(set(zip(bare, switches, [spot.frames for spot in found.spots], strict=True))) == len(found.spots)
     assert {each.name for each in found.left_out}.isdisjoint(spot.knob for spot in found.spots)
     # Every knob is either turned, or left out with its reason; the rest has no value but the base's or another's.
     assert {spot.knob for spot in found.spots} | {each.name for each in found.left_out} >= {knob.name for knob in KNOBS}
