@@ -108,7 +108,8 @@ def _clear(folder: Path) -> None:
 def measured(folder: Path) -> int:
     """How many measurements stand in a folder."""
     try:
-        return max(0, sum(1 for _ in (folder / report_log.LOG).open("rb")) - 1)
+        with (folder / report_log.LOG).open("rb") as file:
+            return max(0, sum(1 for _ in file) - 1)
     except OSError:
         return 0
 

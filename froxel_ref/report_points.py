@@ -18,7 +18,7 @@ from froxel_ref.quantities import final_result
 from froxel_ref.records import InputError
 from froxel_ref.report_record import LeftOut
 from froxel_ref.scene_files import Loaded, document
-from froxel_ref.settings import Settings
+from froxel_ref.settings import SWITCHES, Settings, replace
 
 __all__ = ["BASE", "EPSILON", "SUITES", "Asked", "Prepared", "Spot", "Suite", "digest", "prepare"]
 
@@ -199,7 +199,7 @@ def _spots(subject: Subject, planned: Plan, asked: Asked) -> tuple[tuple[Spot, .
     """The base and every position of every knob that the scene has a use for, each once."""
     base = subject.settings
     spots = [Spot(BASE, BASE, "as it is", (), _frames(subject, base, None), base)]
-    seen, left_out = {(base, spots[0].frames)}, []
+    seen, left_out = {(_spelt_out(base), spots[0].frames)}, []
     for knob in asked.knobs:
         needed, why = knob.needed(subject.loaded.scene, base, planned)
         if not needed:
@@ -218,10 +218,16 @@ def _spots(subject: Subject, planned: Plan, asked: Asked) -> tuple[tuple[Spot, .
                 spots.append(Spot(name, knob.name, step.label, step.overrides, 1, None, f"refused: {error}"))
                 continue
             frames = _frames(subject, settings, step.frames)
-            if (settings, frames) not in seen:
-                seen.add((settings, frames))
+            same = _spelt_out(settings), frames
+            if same not in seen:
+                seen.add(same)
                 spots.append(Spot(name, knob.name, step.label, step.overrides, frames, settings))
     return tuple(spots), tuple(left_out)
+
+
+def _spelt_out(settings: Settings) -> Settings:
+    """The same with every switch set by itself: settings that make the same frame are equal then."""
+    return replace(settings, fidelity="corrected", **{name: getattr(settings, name) for name in SWITCHES})
 
 
 def _frames(subject: Subject, settings: Settings, frames: int | None) -> int:

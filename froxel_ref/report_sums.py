@@ -241,7 +241,7 @@ def _rows(points: Sequence[Point]) -> tuple[tuple[AtTime, ...], tuple[AtError, .
     sizes = [error for error in columns[0] if error > 0.0]
     if not sizes:
         return times, ()
-    decades = range(math.floor(math.log10(min(sizes))), math.ceil(math.log10(max(sizes))))
+    decades = range(math.floor(math.log10(min(sizes))), math.floor(math.log10(2.0 * max(sizes))) + 1)
     steps = [float(f"{unit}e{decade}") for decade in decades for unit in (1, 2, 5)]
     levels = [step for step in reversed(steps) if min(sizes) <= step <= 2.0 * max(sizes)]
     if not levels:

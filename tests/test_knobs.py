@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from functools import cache
 
 import pytest
@@ -14,7 +15,7 @@ from froxel_ref.quantities import final_result
 from froxel_ref.records import InputError
 from froxel_ref.scene import Medium, Scene
 from froxel_ref.scene_files import Loaded, builtin
-from froxel_ref.settings import FogLookup, Grid, OpacityMaps, Settings, ShadowMaps, Temporal, replace
+from froxel_ref.settings import SWITCHES, FogLookup, Grid, OpacityMaps, Settings, ShadowMaps, Temporal, replace
 
 BASES = [(name, given) for name in builtin() for given in ((), ("thesis",))]
 
@@ -34,6 +35,13 @@ def tried(settings: Settings, overrides: tuple[str, ...]) -> Settings | InputErr
         return changed(settings, overrides)
     except InputError as error:
         return error
+
+
+def spelt_out(settings: Settings) -> tuple[object, ...]:
+    """Settings by what they come to: all fields and the values of all switches."""
+    fields = [getattr(settings, field.name) for field in dataclasses.fields(settings)
+              if field.name not in ("fidelity", "switches")]
+    return (*fields, *(getattr(settings, name) for name in SWITCHES))
 
 
 def steps_of(settings: Settings) -> list[tuple[Knob, object]]:
@@ -75,7 +83,7 @@ def test_no_two_steps_of_a_knob_are_alike(name: str, given: tuple[str, ...]) -> 
     loaded = base(name, given)
     for knob in (knob for knob in KNOBS if knob.name in needed(loaded.scene, loaded.settings)):
         steps = [step for step in knob.steps(loaded.settings) if (knob.name, step.label) not in REFUSED[given]]
-        made = [(changed(loaded.settings, step.overrides), step.frames) for step in steps]
+        made = [(spelt_out(changed(loaded.settings, step.overrides)), step.frames) for step in steps]
         assert len(set(made)) == len(steps), knob.name
         assert len({step.label for step in steps}) == len(steps), knob.name
         assert any(step.quick for step in steps) == (knob.name != "whole")
