@@ -24,14 +24,14 @@ class Spread(NamedTuple):
         The best estimate on a shared machine, and what noise adds.
     runs : int
     high : float [s]
-        The end of the error bar that begins at the least, where other points' times spread more than this one's; NaN:
-        the median.
+        The end of the error bar that begins at the least, where other points' times spread more than this one's; 0
+        where that is the median.
     """
 
     least: float
     median: float
     runs: int
-    high: float = math.nan
+    high: float = 0.0
 
     @property
     def end(self) -> float:

@@ -292,18 +292,20 @@ def test_each_number_is_its_definition(images: list[np.ndarray], masks: np.ndarr
     near(found.total, error, error)
     near(found.rest, none - truth, error, total)
     near(found.rest_relmse, none - truth, none - truth)
-    together = error - (a - none) - (b - none) - (none - truth)
+    # What comes first, to nothing else, and what comes last, to all else: each counts by half.
+    added = {"part 0": 0.5 * ((a - none) + (whole - without_a)), "part 1": 0.5 * ((b - none) + (whole - without_b))}
+    together = error - added["part 0"] - added["part 1"] - (none - truth)
     near(found.interaction_relmse, together, together)
     by_name = {each.name: each for each in found.parts}
     for name, alone, without in (("part 0", a, without_a), ("part 1", b, without_b)):
         near(by_name[name].alone, alone - none, alone - none)
         near(by_name[name].without, without - truth, without - truth)
-        near(by_name[name].share, alone - none, error, total)
+        near(by_name[name].share, added[name], error, total)
         mean = math.fsum(abs(float(v)) for v in truth.ravel()) / truth.size
         assert by_name[name].bias == pytest.approx(
-            math.fsum(float(v) for v in (alone - none).ravel()) / truth.size / mean, rel=1e-9, abs=1e-9)
+            math.fsum(float(v) for v in added[name].ravel()) / truth.size / mean, rel=1e-9, abs=1e-9)
         for k in range(3):
-            near(by_name[name].regions[f"region {k}"], alone - none, error, total, masks == k)
+            near(by_name[name].regions[f"region {k}"], added[name], error, total, masks == k)
         assert (by_name[name].about, by_name[name].truth) == (f"about {name}", f"truth of {name}")
     for k in range(3):
         near(found.region_totals[f"region {k}"], error, error, total, masks == k)
@@ -322,10 +324,42 @@ def test_the_claim_holds_within_its_slack(images: list[np.ndarray], masks: np.nd
     assert abs(math.sqrt(claim.claimed) - math.sqrt(claim.measured)) <= claim.slack * (1 + 1e-12) + 1e-12
     number = int(claim.name[-1])
     truth, whole, none = images[:3]
-    adds, more = images[3 + number] - none, whole - images[6 + number]
+    more = whole - images[6 + number]
+    adds = 0.5 * (images[3 + number] - none + more)
     assert claim.slack == pytest.approx(math.sqrt(scalar(more - adds, more - adds, truth, 0.01)), rel=1e-9, abs=1e-12)
     left = whole - truth - adds
     assert claim.claimed == pytest.approx(scalar(left, left, truth, 0.01), rel=1e-9, abs=1e-12)
+
+
+def test_parts_that_interact_in_pairs_share_what_they_do_together() -> None:
+    """Of what two do together each has half, and nothing is left for more than two."""
+    rng = np.random.default_rng(5)
+    truth, none, a, b, c, ab, ac, bc, abc = rng.uniform(0.5, 2.0, (9, *SHAPE))
+    whole = none + a + b + c + ab + ac + bc
+    without = [none + b + c + bc, none + a + c + ac, none + a + b + ab]
+    found = budget_of([truth, whole, none, none + a, none + b, none + c, *without], np.zeros(SHAPE[1:], int), 3)
+    assert found.interaction_relmse == pytest.approx(0.0, abs=1e-28)
+    shares = {each.name: each.share for each in found.parts}
+    expected = {"part 0": a + 0.5 * (ab + ac), "part 1": b + 0.5 * (ab + bc), "part 2": c + 0.5 * (ac + bc)}
+    for name, image in expected.items():
+        assert shares[name] == pytest.approx(scalar(image, whole - truth, truth, 0.01) / found.total, rel=1e-12)
+    more = budget_of([truth, whole + abc, none, none + a, none + b, none + c, *without], np.zeros(SHAPE[1:], int), 3)
+    assert more.interaction_relmse > 0.1 * scalar(abc, abc, truth, 0.01)
+
+
+def test_a_part_that_was_not_tried_alone_has_what_it_adds_last() -> None:
+    rng = np.random.default_rng(6)
+    truth, whole, none, a, without_a, without_b = rng.uniform(0.5, 2.0, (6, *SHAPE))
+    parts = [Part(name, "", "", lambda how: how) for name in ("one", "two")]
+    found = make_budget(parts, [], truth=truth, whole=whole, none=none, alone={"one": a},
+                        without={"one": without_a, "two": without_b}, epsilon=0.01,
+                        regions={"all": np.ones(SHAPE[1:], bool)})
+    two = next(each for each in found.parts if each.name == "two")
+    assert two.alone is None
+    assert two.share == pytest.approx(scalar(whole - without_b, whole - truth, truth, 0.01) / found.total, rel=1e-12)
+    assert sum(each.share for each in found.parts) + found.rest + found.interaction == pytest.approx(1.0, abs=1e-12)
+    assert found.claim is not None
+    assert found.claim.name == "one"
 
 
 def test_parts_that_simply_add_up_leave_nothing() -> None:
