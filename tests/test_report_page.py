@@ -12,9 +12,11 @@ from pathlib import Path
 import pytest
 from report_examples import EXAMPLES, beyond_sense, extreme, rich
 
-from froxel_ref import report_html, report_plots
+from froxel_ref import report_choices
 from froxel_ref.report_html import page
-from froxel_ref.report_plots import NARROW, WIDE, Drawing, drawings, plots_available
+from froxel_ref.report_numbers import megabytes, milliseconds, number
+from froxel_ref.report_plots import Drawing, drawings, plots_available
+from froxel_ref.report_sheet import NARROW, WIDE
 
 NAMES = tuple(EXAMPLES)
 WIDTHS = (1280, 390)
@@ -121,7 +123,7 @@ def test_gain_and_speed_up_are_against_the_base():
     base = report.points[[p.knob for p in report.points].index("base")]
     text = Read(re.search(r'<section id="equal">.*?</section>', page(report, {}), re.DOTALL)[0]).text
     told = {p.id: p for p in report.points}
-    ms, plain = report_plots.milliseconds, report_plots.number
+    ms, plain = milliseconds, number
     for row in report.equal_error:
         if row.point is not None:
             seconds, relmse = told[row.point].seconds.least, told[row.point].errors.relmse
@@ -147,7 +149,7 @@ def test_the_command_can_be_copied_into_a_shell():
 
 
 def test_without_matplotlib_the_page_has_its_tables_and_one_line(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(report_html, "plots_available", lambda: False)
+    monkeypatch.setattr(report_choices, "plots_available", lambda: False)
     text = page(rich(), {})
     assert "<svg" not in text
     assert "The plots are missing: the extra report (Matplotlib) draws them." in re.sub(r"</?code>", "", text)
@@ -326,12 +328,12 @@ def test_numbers_are_sorted_as_numbers_and_what_is_missing_comes_last(contexts):
     button.click()
     times = column(seen, at)
     expected = sorted(p.seconds.least for p in extreme().points if p.seconds)
-    assert times[:len(expected)] == [report_plots.milliseconds(t) for t in expected]
+    assert times[:len(expected)] == [milliseconds(t) for t in expected]
     assert set(times[len(expected):]) == {"–"}
     assert seen("document.querySelector('.points th[aria-sort]').getAttribute('aria-sort')") == "ascending"
     button.click()
     times = column(seen, at)
-    assert times[:len(expected)] == [report_plots.milliseconds(t) for t in expected[::-1]]
+    assert times[:len(expected)] == [milliseconds(t) for t in expected[::-1]]
     assert set(times[len(expected):]) == {"–"}
     at = head(seen, "relMSE")
     seen.page.locator(".points thead th").nth(at).locator("button").click()
@@ -384,8 +386,8 @@ def test_a_label_comes_with_the_mouse_and_goes_with_it(contexts):
     assert tip.is_visible()
     text = tip.inner_text()
     point = rich().points[index]
-    for words in (name, report_plots.milliseconds(point.seconds.least), report_plots.number(point.errors.relmse),
-                  report_plots.megabytes(point.peak_bytes), f"--set {point.overrides[0]}"):
+    for words in (name, milliseconds(point.seconds.least), number(point.errors.relmse),
+                  megabytes(point.peak_bytes), f"--set {point.overrides[0]}"):
         assert words in text
     inside = seen("""() => { const r = document.getElementById("tip").getBoundingClientRect();
         return r.left >= 0 && r.right <= innerWidth && r.top >= 0 && r.bottom <= innerHeight }""")
