@@ -183,7 +183,7 @@ def _row(report: Report, index: int, point: Point, base: float, flips: bool) -> 
     if flips:
         cells.append(cell(errors.flip, number(errors.flip)))
     cells += [cell(point.peak_bytes, megabytes(point.peak_bytes)),
-              f'<td class="mono">{"<br>".join(map(safe, point.overrides)) or "–"}</td>',
+              f'<td class="mono">{safe(shlex.join(point.overrides)) or "–"}</td>',  # in one line: rows stay low
               cell(point.frames, str(point.frames)),
               cell(spread.runs if spread else None, str(spread.runs) if spread else "–")]
     member = "1" if point.member in ("certain", "possible") else "0"

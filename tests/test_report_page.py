@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import html.parser
 import re
+import shlex
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -138,8 +139,6 @@ def test_gain_and_speed_up_are_against_the_base():
 
 
 def test_the_command_can_be_copied_into_a_shell():
-    import shlex
-
     report = extreme()
     found = re.search(r'<code tabindex="0">(.*?)</code>', page(report, {}))
     words = shlex.split(html.unescape(found[1]))
@@ -338,6 +337,19 @@ def test_numbers_are_sorted_as_numbers_and_what_is_missing_comes_last(contexts):
     at = head(seen, "relMSE")
     seen.page.locator(".points thead th").nth(at).locator("button").click()
     assert column(seen, at)[:2] == ["0", "1.00×10⁻¹²"]
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_overrides_stand_in_one_line_as_a_shell_reads_them(contexts, width: int):
+    seen = contexts("extreme", width)
+    at = head(seen, "overrides")
+    lines = seen(f"""[...document.querySelectorAll(".points tbody tr")].map(r => {{ const words = new Range();
+        words.selectNodeContents(r.cells[{at}]);
+        return new Set([...words.getClientRects()].map(line => Math.round(line.top))).size }})""")
+    assert set(lines) == {1}
+    told = [tuple(shlex.split(words)) for words in column(seen, at)]
+    assert told == [point.overrides or ("–",) for point in extreme().points]
+    assert max(map(len, told)) > 1
 
 
 def test_words_are_sorted_as_words_with_their_numbers(contexts):
