@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import html.parser
 import re
+import shlex
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,9 +13,11 @@ from pathlib import Path
 import pytest
 from report_examples import EXAMPLES, beyond_sense, extreme, rich
 
-from froxel_ref import report_html, report_plots
+from froxel_ref import report_choices
 from froxel_ref.report_html import page
-from froxel_ref.report_plots import NARROW, WIDE, Drawing, drawings, plots_available
+from froxel_ref.report_numbers import megabytes, milliseconds, number
+from froxel_ref.report_plots import Drawing, drawings, plots_available
+from froxel_ref.report_sheet import NARROW, WIDE
 
 NAMES = tuple(EXAMPLES)
 WIDTHS = (1280, 390)
@@ -121,7 +124,7 @@ def test_gain_and_speed_up_are_against_the_base():
     base = report.points[[p.knob for p in report.points].index("base")]
     text = Read(re.search(r'<section id="equal">.*?</section>', page(report, {}), re.DOTALL)[0]).text
     told = {p.id: p for p in report.points}
-    ms, plain = report_plots.milliseconds, report_plots.number
+    ms, plain = milliseconds, number
     for row in report.equal_error:
         if row.point is not None:
             seconds, relmse = told[row.point].seconds.least, told[row.point].errors.relmse
@@ -136,8 +139,6 @@ def test_gain_and_speed_up_are_against_the_base():
 
 
 def test_the_command_can_be_copied_into_a_shell():
-    import shlex
-
     report = extreme()
     found = re.search(r'<code tabindex="0">(.*?)</code>', page(report, {}))
     words = shlex.split(html.unescape(found[1]))
@@ -147,7 +148,7 @@ def test_the_command_can_be_copied_into_a_shell():
 
 
 def test_without_matplotlib_the_page_has_its_tables_and_one_line(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(report_html, "plots_available", lambda: False)
+    monkeypatch.setattr(report_choices, "plots_available", lambda: False)
     text = page(rich(), {})
     assert "<svg" not in text
     assert "The plots are missing: the extra report (Matplotlib) draws them." in re.sub(r"</?code>", "", text)
@@ -326,16 +327,29 @@ def test_numbers_are_sorted_as_numbers_and_what_is_missing_comes_last(contexts):
     button.click()
     times = column(seen, at)
     expected = sorted(p.seconds.least for p in extreme().points if p.seconds)
-    assert times[:len(expected)] == [report_plots.milliseconds(t) for t in expected]
+    assert times[:len(expected)] == [milliseconds(t) for t in expected]
     assert set(times[len(expected):]) == {"–"}
     assert seen("document.querySelector('.points th[aria-sort]').getAttribute('aria-sort')") == "ascending"
     button.click()
     times = column(seen, at)
-    assert times[:len(expected)] == [report_plots.milliseconds(t) for t in expected[::-1]]
+    assert times[:len(expected)] == [milliseconds(t) for t in expected[::-1]]
     assert set(times[len(expected):]) == {"–"}
     at = head(seen, "relMSE")
     seen.page.locator(".points thead th").nth(at).locator("button").click()
     assert column(seen, at)[:2] == ["0", "1.00×10⁻¹²"]
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_overrides_stand_in_one_line_as_a_shell_reads_them(contexts, width: int):
+    seen = contexts("extreme", width)
+    at = head(seen, "overrides")
+    lines = seen(f"""[...document.querySelectorAll(".points tbody tr")].map(r => {{ const words = new Range();
+        words.selectNodeContents(r.cells[{at}]);
+        return new Set([...words.getClientRects()].map(line => Math.round(line.top))).size }})""")
+    assert set(lines) == {1}
+    told = [tuple(shlex.split(words)) for words in column(seen, at)]
+    assert told == [point.overrides or ("–",) for point in extreme().points]
+    assert max(map(len, told)) > 1
 
 
 def test_words_are_sorted_as_words_with_their_numbers(contexts):
@@ -384,8 +398,8 @@ def test_a_label_comes_with_the_mouse_and_goes_with_it(contexts):
     assert tip.is_visible()
     text = tip.inner_text()
     point = rich().points[index]
-    for words in (name, report_plots.milliseconds(point.seconds.least), report_plots.number(point.errors.relmse),
-                  report_plots.megabytes(point.peak_bytes), f"--set {point.overrides[0]}"):
+    for words in (name, milliseconds(point.seconds.least), number(point.errors.relmse),
+                  megabytes(point.peak_bytes), f"--set {point.overrides[0]}"):
         assert words in text
     inside = seen("""() => { const r = document.getElementById("tip").getBoundingClientRect();
         return r.left >= 0 && r.right <= innerWidth && r.top >= 0 && r.bottom <= innerHeight }""")

@@ -16,24 +16,20 @@ pytest.importorskip("matplotlib")
 
 from froxel_ref import report_plots
 from froxel_ref.records import InputError
+from froxel_ref.report_front import front_of
+from froxel_ref.report_labels import label_boxes
+from froxel_ref.report_numbers import megabytes, milliseconds, number, percent
 from froxel_ref.report_plots import (
-    NARROW,
-    THEME,
-    WIDE,
     drawings,
     figure_budget,
     figure_error,
     figure_planned,
     figure_refinement,
     figure_stages,
-    front_of,
-    megabytes,
-    milliseconds,
-    number,
-    percent,
     pictures,
 )
 from froxel_ref.report_record import Spread
+from froxel_ref.report_sheet import NARROW, SERIES, THEME, WIDE
 
 NAMES = tuple(EXAMPLES)
 LABEL = re.compile(r"l\d+")
@@ -179,7 +175,7 @@ def test_labels_keep_apart_in_a_crowd():
     random = np.random.default_rng(3)
     anchors = 200.0 + random.uniform(0.0, 30.0, (12, 2))
     sizes = np.tile([70.0, 15.0], (12, 1))
-    boxes, apart = report_plots._labels(anchors, sizes, np.zeros((0, 4)), np.zeros(0), (0.0, 0.0, 400.0, 400.0))
+    boxes, apart = label_boxes(anchors, sizes, np.zeros((0, 4)), np.zeros(0), (0.0, 0.0, 400.0, 400.0))
     assert apart
     for a in range(12):
         for b in range(a):
@@ -370,7 +366,7 @@ def test_colours_can_be_read(mode: int):
     for paper in ("paper", "lane"):
         for text in ("ink", "soft", "fail"):
             assert contrast(THEME[text][mode], THEME[paper][mode]) >= 4.5
-        for name in (*report_plots.SERIES, "front"):
+        for name in (*SERIES, "front"):
             assert contrast(THEME[name][mode], THEME[paper][mode]) >= 3.0
     assert len({light for light, _ in THEME.values()}) == len(THEME)
 
