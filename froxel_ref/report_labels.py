@@ -183,8 +183,8 @@ def extents(sheet: Sheet, words: Sequence[str]) -> Field:
     return np.array([(sheet.long(word, True) + 3.0, 1.16 * sheet.size) for word in words])
 
 
-def draw_label(sheet: Sheet, words: str, box: Field, anchor: Sequence[float] | Field, colour: str, gid: str, *,
-               bold: bool = False) -> None:
+def draw_label(sheet: Sheet, words: str, box: Field, anchor: Sequence[float] | Field, colour: str,
+               gid: str | None = None, *, bold: bool = False) -> None:
     """Words in their box, and a line to their anchor where it is not next to them.
 
     Parameters

@@ -61,7 +61,7 @@ def figure_refinement(report: Report, width: float = WIDE) -> Figure | None:
             boxes, _ = label_boxes(anchors, extents(sheet, words), things, np.full(len(things), 1.5),
                                    (x0 + 3.0, y0 + 3.0, x1 - 3.0, y1 - 3.0))
             for at, (text, box) in enumerate(zip(words, boxes, strict=True)):
-                draw_label(sheet, text, box, anchors[at], "soft", f"l{at}")
+                draw_label(sheet, text, box, anchors[at], "soft")
         return sheet.finish(y1 + 44.0)
 
 

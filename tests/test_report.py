@@ -581,7 +581,7 @@ ORDERS: dict[str, tuple[int, float, float, list[str]]] = {
     "particles-in-fog": (48, 0.76, 0.96, []),
     "ringing": (48, 1.04, 0.91, []),
     "shaft": (48, 1.27, 0.85, []),
-    "smoke": (48, 0.3, 0.0, []),
+    "smoke": (48, 0.81, 0.69, []),
     "thesis-hall": (32, 0.94, 0.78, []),
     "thin-layer": (48, 0.93, 0.68, []),
     "two-volumes": (48, 1.39, 1.43, []),
