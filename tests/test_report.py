@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from data import data_file
 
 from froxel_ref import compare, load, report, report_log, report_points
