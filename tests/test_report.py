@@ -713,9 +713,25 @@ def test_rows_of_equal_time_and_of_equal_error(whole: tuple[Path, Report], tmp_p
 
 
 def test_the_base_meets_the_budget_that_is_its_own(whole: tuple[Path, Report], tmp_path: Path) -> None:
-    """Where others' times spread more than the base's, its bar is longer than to its median."""
-    found = made_up(whole, tmp_path, ERRORS, TIMES | {"grid.depth=4": [0.010, 0.030], "grid.depth=16": [0.4, 0.9]})
-    assert found.equal_time[2].point == "base"
+    """Where others' times spread more than the base's, its bar is longer than to its median, and words say so."""
+    times = TIMES | {"grid.depth=4": [0.010, 0.030], "grid.depth=16": [0.4, 0.9]}
+    found = made_up(whole, tmp_path, ERRORS, times, limit_ms=39.0)
+    assert found.setup.noise == pytest.approx(2.0)
+    assert found.equal_time[2].budget == pytest.approx(0.040)
+    assert [row.point for row in found.equal_time] == [None, "grid.depth=4", "base", "base", "base"]
+    # 20 to 40 ms may be within 39, 10 to 20 surely are.
+    assert found.recommendation is not None
+    assert found.recommendation.words.startswith("grid.depth=4 takes 10 to 20 ms a frame with relMSE 0.1. The next "
+                                                 "step up is base: 20 to 40 ms")
+
+
+def test_a_row_of_equal_time_has_what_surely_fits(whole: tuple[Path, Report], tmp_path: Path) -> None:
+    """Of 30 to 60 ms the lower end alone lies within the base's 40: the base is taken, though less exact."""
+    found = made_up(whole, tmp_path, ERRORS, TIMES | {"grid.depth=4": [0.010, 0.030], "grid.depth=16": [0.03, 0.03]})
+    assert found.points[2].seconds is not None
+    assert found.points[2].seconds[:2] == (0.03, 0.03)
+    assert found.points[2].seconds.high == pytest.approx(0.06)
+    assert [row.point for row in found.equal_time] == [None, "grid.depth=4", "base", "grid.depth=16", "grid.depth=16"]
 
 
 def test_points_without_an_error_above_0_make_no_rows_of_error(whole: tuple[Path, Report], tmp_path: Path) -> None:
