@@ -60,6 +60,8 @@ class Physics(NamedTuple):
         How far towards a directional light media do.
     particles : Particles or None
         Those that dim light; None where there are none.
+    sun_media : str
+        Which media dim directional lights: "all", or "local", as in a frame.
     """
 
     scene: Scene
@@ -73,10 +75,18 @@ class Physics(NamedTuple):
     volumetric: bool
     sun_distance: float
     particles: Particles | None = None
+    sun_media: str = "all"
 
     def dims(self, number: int) -> bool:
         """Whether media and particles dim a light on its way: with volumetric shadows, one that casts shadows."""
         return self.volumetric and self.lights[number].casts_shadows
+
+    def dimmers(self, number: int) -> tuple[tuple[Placed, ...], Array]:
+        """The media that dim a light, and their extinction."""
+        if self.sun_media == "all" or not isinstance(self.lights[number], DirectionalLight):
+            return self.media, self.extinction
+        local = [isinstance(medium, LocalMedium) for medium in self.every_medium]
+        return tuple(placed for placed, kept in zip(self.media, local, strict=True) if kept), self.extinction[local]
 
     @property
     def every_medium(self) -> tuple[Medium, ...]:
@@ -137,13 +147,14 @@ class Bundle(NamedTuple):
 
 
 def make_physics(scene: Scene, settings: Settings, textures: Textures, occluders: tuple[Occluder, ...], *,
-                 volumetric: bool, sun_distance: float, particles: Particles | None = None) -> Physics:
+                 volumetric: bool, sun_distance: float, particles: Particles | None = None,
+                 sun_media: str = "all") -> Physics:
     """Gather what does not depend on the rays; see `Physics`."""
     media = (*scene.global_media, *scene.local_media)
     placed = tuple(place(m, None if m.density is None else textures[m.density.source]) for m in media)
     used = set(map(id, contributing(media)))
     return Physics(scene, settings, textures, placed, tuple(id(m) in used for m in media), extinctions(media),
-                   scene.all_lights, occluders, volumetric, sun_distance, particles)
+                   scene.all_lights, occluders, volumetric, sun_distance, particles, sun_media)
 
 
 def make_bundle(physics: Physics, lines: Lines, veil: Veil | None = None) -> Bundle:
@@ -171,7 +182,7 @@ def make_bundle(physics: Physics, lines: Lines, veil: Veil | None = None) -> Bun
             if isinstance(light, DirectionalLight)}
     dark = {i: dark_spans(physics.occluders, lines, light) for i, light in enumerate(physics.lights)
             if light.casts_shadows} if physics.occluders else {}
-    shaded = {i: shadow_cuts(physics.media, physics.extinction, light, lines, lamp=lamps.get(i),
+    shaded = {i: shadow_cuts(*physics.dimmers(i), light, lines, lamp=lamps.get(i),
                              sun_distance=physics.sun_distance, time=settings.time)
               for i, light in enumerate(physics.lights) if physics.dims(i) and colour(light).any()}
     cast = {} if physics.particles is None else {

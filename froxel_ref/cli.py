@@ -233,7 +233,7 @@ def _parser() -> argparse.ArgumentParser:
     cli_stability.add_options(stability)
     report = command("report", _report, "measure error against run time, and what the errors come of",
                      cli_report.EXAMPLES)
-    _scene_options(report)
+    _scene_options(report, default="thesis-hall")
     _output_options(report, "DIR", "folder to make (default: report-SCENE)")
     cli_report.add_options(report)
     command("schema", _schema, "print the JSON Schema of scene files",

@@ -41,7 +41,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command beside those that name a scene and an output."""
     parser.add_argument("--suite", metavar="NAME", default="quick",
                         help="quick (default), some minutes; or full: more values, pixels, frames and runs")
-    parser.add_argument("--knobs", metavar="NAMES", help="turn these only, separated by commas; list names them")
+    parser.add_argument("--knobs", metavar="NAMES",
+                        help="turn these only, separated by commas; --knobs list names them")
     parser.add_argument("--sweep", metavar="PATH=V,V", action="append", default=[],
                         help="turn a setting of your own through values; may be repeated; alone, or beside --knobs")
     parser.add_argument("--budget-ms", metavar="X", help="recommend settings that take at most X ms a frame")

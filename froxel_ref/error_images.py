@@ -262,14 +262,16 @@ def reference_image(subject: Subject, *, rtol: float, threads: int | None = None
 
     Notes
     -----
-    Of the physics as it is right, whatever the settings' fidelity and switches; with the shadows that they have; as
-    far as the frame sees: to the froxels' far end, or to that of the long range.
+    Of the physics as it is right, whatever the settings' fidelity and switches; with the shadows that they have, of
+    which a sun's are those of local media, as in frames; as far as the frame sees: to the froxels' far end, or to that
+    of the long range.
     """
     scene, how, assets = subject.now(subject.settings, small=True)
     begun = time.perf_counter()
     right = replace(how, fidelity="corrected", switches=Switches())
     far = how.long_range.farthest if how.long_range.march else how.grid.far
-    found = render_truth(scene, right, assets=assets, rtol=rtol, far=far, threads=threads, progress=progress)
+    found = render_truth(scene, right, assets=assets, rtol=rtol, far=far, sun_media="local", threads=threads,
+                         progress=progress)
     exposure = scene.camera.exposure
     radiance, error = (np.asarray(image * exposure, np.float64) for image in (found.radiance, found.error))
     return ReferenceImage(radiance, error, found.converged, time.perf_counter() - begun)
@@ -280,7 +282,7 @@ def reference_words(subject: Subject, rtol: float) -> str:
     how = subject.settings
     shadows = "no shadows" if shadow_kind(how) == "off" else "exact shadows"
     if how.volumetric_shadows != "off":
-        shadows += " of surfaces, media and particles"
+        shadows += " of surfaces, media and particles (of suns: local media)"
     return (f"converged single scattering along each pixel's ray, adaptive quadrature to a relative tolerance of "
             f"{rtol:g}, {shadows}")
 

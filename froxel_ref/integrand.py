@@ -88,7 +88,7 @@ def samples(bundle: Bundle, source: int, part: Pool, x: Array) -> Samples:
     passing = through(bundle, t, rows)
     if source and physics.dims(source - 1):
         passing = passing * light_transmittance(
-            physics.media, physics.extinction, physics.lights[source - 1], points,
+            *physics.dimmers(source - 1), physics.lights[source - 1], points,
             settings=physics.settings, sun_distance=physics.sun_distance)
     if source - 1 in bundle.cast:
         passing = passing * particles_pass(bundle.cast[source - 1], rows, t)

@@ -246,8 +246,7 @@ def _lookup(settings: Settings) -> list[Step]:
 def _long_range(settings: Settings) -> list[Step]:
     steps = [Step(f"{n} steps", (f"long_range.steps={n}",), quick=n in (4, 64)) for n in (2, 4, 8, 16, 32, 64)]
     return [*steps, Step("without noise", ("long_range.noise=false",), quick=True),
-            Step("off", ("long_range.march=false",), quick=True),
-            *[Step(f"{n} steps to suns", (f"long_range.sun_steps={n}",)) for n in (4, 16)]]
+            Step("off", ("long_range.march=false",), quick=True)]
 
 
 def _precision(settings: Settings) -> list[Step]:

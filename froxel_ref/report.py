@@ -7,6 +7,7 @@ of a smaller raster (`froxel_ref.error_images`), times and memory of frames of t
 
 from __future__ import annotations
 
+import datetime
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -149,10 +150,11 @@ def _reference(prepared: Prepared, folder: Path) -> Iterator[Work]:
     subject, rtol = prepared.subject, prepared.suite.rtol
 
     def run() -> Any:
+        begun = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
         found = reference_image(subject, rtol=rtol, threads=prepared.asked.threads)
         report_log.store_image(folder, "reference", found.radiance)
         floor = float(np.mean((found.error / np.sqrt(found.radiance**2 + EPSILON)) ** 2))
-        return {"seconds": found.seconds, "unconverged": int((~found.converged).sum()), "floor": floor}
+        return {"begun": begun, "seconds": found.seconds, "unconverged": int((~found.converged).sum()), "floor": floor}
 
     pixels = prepared.raster[0] * prepared.raster[1]
     yield Work("reference", "the truth", TRUTH * pixels, run, image=True)

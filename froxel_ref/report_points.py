@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import froxel_ref
 from froxel_ref import compare
+from froxel_ref.assets import checksums
 from froxel_ref.budget import Part, parts_of
 from froxel_ref.error_images import Subject, averages, make_subject
 from froxel_ref.frame import Plan, plan
@@ -135,8 +136,9 @@ class Prepared(NamedTuple):
 
 
 def digest(loaded: Loaded) -> str:
-    """SHA-256 of a scene and its settings in full."""
-    text = json.dumps(document(loaded.scene, loaded.settings), sort_keys=True)
+    """SHA-256 of a scene and its settings in full, and of the files that it names."""
+    files = checksums(loaded.scene, loaded.folder)
+    text = json.dumps([document(loaded.scene, loaded.settings), files], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

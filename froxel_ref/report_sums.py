@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import importlib.metadata
 import math
 import os
@@ -70,7 +69,7 @@ def put_together(prepared: Prepared, folder: Path, done: Done) -> Report:
     everything = prepared.asked.everything
     times, errors = _rows(points)
     return Report(
-        _setup(prepared, points, sum(entry.took for entry in done.values())),
+        _setup(prepared, points, done["reference"].value["begun"], sum(entry.took for entry in done.values())),
         _reference(prepared, truth, done["reference"]),
         points, prepared.left_out,
         _budget(prepared, folder, done, truth) if everything else None,
@@ -82,16 +81,15 @@ def put_together(prepared: Prepared, folder: Path, done: Done) -> Report:
 # --- setup ----------------------------------------------------------------------------------------------
 
 
-def _setup(prepared: Prepared, points: Sequence[Point], took: float) -> Setup:
+def _setup(prepared: Prepared, points: Sequence[Point], begun: str, took: float) -> Setup:
     subject, suite = prepared.subject, prepared.suite
     scene, grid = subject.loaded.scene, subject.settings.grid
-    now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     return Setup(
         scene.name or "scene", prepared.about, digest(subject.loaded), prepared.overrides, prepared.asked.suite,
         (grid.width, grid.height, grid.depth), (scene.camera.width, scene.camera.height), prepared.raster,
         suite.repeats, suite.frames, EPSILON, scene.camera.exposure,
         scaled_pixels_per_degree(prepared.raster[0], scene.camera.width),
-        no_flip(prepared.raster, scene.camera.width), machine(), now, took, noise_of(points), prepared.source)
+        no_flip(prepared.raster, scene.camera.width), machine(), begun, took, noise_of(points), prepared.source)
 
 
 def machine() -> dict[str, str]:

@@ -78,7 +78,7 @@ class Truth(NamedTuple):
 def trace(scene: Scene, origins: ArrayLike, directions: ArrayLike, ends: ArrayLike, *,
           settings: Settings | None = None, assets: Assets | None = None, starts: ArrayLike = 0.0,
           rtol: float = 1e-4, shadows: str = "off", volumetric_shadows: bool = False,
-          sun_distance: float = np.inf, limit_rounds: int = 60, limit_intervals: int = 4000,
+          sun_distance: float = np.inf, sun_media: str = "all", limit_rounds: int = 60, limit_intervals: int = 4000,
           threads: int | None = None, progress: Progress | None = None) -> Truth:
     """Integrate single scattering along rays until the error is a given share of the result.
 
@@ -107,6 +107,9 @@ def trace(scene: Scene, origins: ArrayLike, directions: ArrayLike, ends: ArrayLi
         Whether media and particles dim the light of what casts shadows on its way to the ray.
     sun_distance : float [m]
         How far towards directional lights media do; see `froxel_ref.light_paths.light_transmittance`.
+    sun_media : {"all", "local"}
+        Which media dim directional lights. "local": as in a frame, whose suns are those that arrive through its global
+        media.
     limit_rounds, limit_intervals : int
         When to give up on a ray; it is then not ``converged``.
     threads : int, optional
@@ -149,10 +152,10 @@ def trace(scene: Scene, origins: ArrayLike, directions: ArrayLike, ends: ArrayLi
     settings = Settings() if settings is None else settings
     if not isinstance(settings, Settings):
         raise InputError("settings", f"is a {type(settings).__name__}, must be Settings, as froxel_ref.load gives them")
-    check_options(rtol, shadows, sun_distance)
+    check_options(rtol, shadows, sun_distance, sun_media)
     check_limits(volumetric_shadows, limit_rounds, limit_intervals, threads)
     lines = make_lines(origins, directions, starts, ends)
-    physics = make_truth_physics(scene, settings, assets, shadows, volumetric_shadows, sun_distance)
+    physics = make_truth_physics(scene, settings, assets, shadows, volumetric_shadows, sun_distance, sun_media)
     return trace_layers(physics, lines, None, rtol=rtol, limit_rounds=limit_rounds, limit_intervals=limit_intervals,
                         threads=threads, progress=progress)[0]
 
@@ -250,12 +253,12 @@ def _trace_block(physics: Physics, lines: Lines, veil: Veil | None, result: Trut
 
 
 def make_truth_physics(scene: Scene, settings: Settings, assets: Assets | None, shadows: str,
-                       volumetric: bool, sun_distance: float) -> Physics:
+                       volumetric: bool, sun_distance: float, sun_media: str = "all") -> Physics:
     """What light, media and particles do, made ready once for all rays.
 
     Parameters
     ----------
-    scene, settings, assets, shadows, sun_distance
+    scene, settings, assets, shadows, sun_distance, sun_media
         As for `trace`.
     volumetric : bool
         Its volumetric_shadows.
@@ -277,7 +280,7 @@ def make_truth_physics(scene: Scene, settings: Settings, assets: Assets | None, 
     dims = volumetric and any(each.casts for each in scene.all_particles)
     particles = casting_particles(placed_particles(scene, assets)) if dims else None
     return make_physics(scene, settings, assets.textures, casting, volumetric=volumetric,
-                        sun_distance=sun_distance, particles=particles)
+                        sun_distance=sun_distance, particles=particles, sun_media=sun_media)
 
 
 def trace_depths(scene: Scene, origins: ArrayLike, directions: ArrayLike, ends: ArrayLike,

@@ -163,8 +163,9 @@ def shadow_kind(settings: Settings) -> str:
 
 def render_truth(scene: Scene, settings: Settings | None = None, *, assets: Assets | None = None,
                  rtol: float = 1e-4, shadows: str | None = None, volumetric_shadows: bool | None = None,
-                 sun_distance: float = np.inf, far: float | None = None, pixel_filter: str = "centre",
-                 threads: int | None = None, progress: Progress | None = None) -> TruthImage:
+                 sun_distance: float = np.inf, sun_media: str = "all", far: float | None = None,
+                 pixel_filter: str = "centre", threads: int | None = None, progress: Progress | None = None
+                 ) -> TruthImage:
     """Render an image whose single scattering has converged.
 
     Parameters
@@ -175,7 +176,7 @@ def render_truth(scene: Scene, settings: Settings | None = None, *, assets: Asse
         boundary are left out, as the frame does.
     assets : Assets, optional
         What the scene's files hold.
-    rtol, sun_distance, threads
+    rtol, sun_distance, sun_media, threads
         As for `froxel_ref.truth.trace`.
     shadows : {"off", "exact"}, optional
         Default: exact, unless the settings have them off.
@@ -221,13 +222,13 @@ def render_truth(scene: Scene, settings: Settings | None = None, *, assets: Asse
     shadows = shadow_kind(settings) if shadows is None else shadows
     if volumetric_shadows is None:
         volumetric_shadows = settings.volumetric_shadows != "off"
-    check_options(rtol, shadows, sun_distance)
+    check_options(rtol, shadows, sun_distance, sun_media)
     check_limits(volumetric_shadows, 1, 1, threads)
     check_filter(scene, pixel_filter)
     from froxel_ref.assets import load_assets
 
     assets = load_assets(scene, None) if assets is None else assets
-    physics = make_truth_physics(scene, settings, assets, shadows, volumetric_shadows, sun_distance)
+    physics = make_truth_physics(scene, settings, assets, shadows, volumetric_shadows, sun_distance, sun_media)
     far = settings.grid.far if far is None else far
     samples = list(_samples(pixel_filter))
     whole = scene.camera.width * scene.camera.height
@@ -298,7 +299,7 @@ def _sights(physics: Physics, assets: Assets) -> list[Visibility]:
         return [opaque]
 
     def passing(channel: int, number: int, points: Points, normal: Points | None = None) -> Field:
-        way = light_transmittance(physics.media, physics.extinction, physics.lights[number], points,
+        way = light_transmittance(*physics.dimmers(number), physics.lights[number], points,
                                   settings=physics.settings, sun_distance=physics.sun_distance)
         share: Field = way[min(channel, len(way) - 1)]
         if physics.particles is not None:

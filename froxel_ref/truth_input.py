@@ -12,11 +12,15 @@ from froxel_ref.optical_depth import Lines
 from froxel_ref.records import InputError, shown, suggest
 from froxel_ref.scene import LONGEST
 
-__all__ = ["FARTHEST", "SHADOWS", "TIGHTEST", "check_limits", "check_options", "distances", "make_lines", "vectors"]
+__all__ = [
+    "FARTHEST", "SHADOWS", "SUN_MEDIA", "TIGHTEST", "check_limits", "check_options", "distances", "make_lines",
+    "vectors",
+]
 
 Array: TypeAlias = NDArray[np.floating[Any]]
 
 SHADOWS = ("off", "exact")
+SUN_MEDIA = ("all", "local")
 
 # The least relative tolerance: some hundred ε, below which the rounding of the integrand decides.
 TIGHTEST = 1e-13
@@ -25,7 +29,7 @@ TIGHTEST = 1e-13
 FARTHEST = 1e4 * LONGEST
 
 
-def check_options(rtol: float, shadows: str, sun_distance: float) -> None:
+def check_options(rtol: float, shadows: str, sun_distance: float, sun_media: str = "all") -> None:
     """Refuse options of `froxel_ref.truth.trace` that make no sense.
 
     Raises
@@ -48,6 +52,8 @@ def check_options(rtol: float, shadows: str, sun_distance: float) -> None:
         raise InputError("shadows", f"is {shown(shadows)}; {hint}")
     if not _number("sun_distance", sun_distance) > 0.0:
         raise InputError("sun_distance", f"is {sun_distance:g}, must be above 0 m")
+    if sun_media not in SUN_MEDIA:
+        raise InputError("sun_media", f"is {shown(sun_media)}, must be {' or '.join(SUN_MEDIA)}")
 
 
 def check_limits(volumetric_shadows: bool, limit_rounds: int, limit_intervals: int, threads: int | None) -> None:

@@ -15,7 +15,18 @@ from froxel_ref.cli import main
 from froxel_ref.cli_truth import _summary
 from froxel_ref.panels import PAPER, View
 from froxel_ref.records import InputError
-from froxel_ref.scene import Box, Camera, DirectionalLight, Medium, Plane, PointLight, Scene, Transform
+from froxel_ref.scene import (
+    Box,
+    Camera,
+    DirectionalLight,
+    HeightFog,
+    LocalMedium,
+    Medium,
+    Plane,
+    PointLight,
+    Scene,
+    Transform,
+)
 from froxel_ref.scene_files import document
 from froxel_ref.settings import Grid, Settings, replace
 from froxel_ref.truth_files import Options
@@ -95,6 +106,34 @@ def test_shadows_fall_on_surfaces():
     dim = render_truth(fog, shadows="off", volumetric_shadows=True, sun_distance=5.0)
     np.testing.assert_allclose(dim.radiance / dim.fog_transmittance,
                                np.exp([-0.5, -1.0, -2.0])[:, None, None] * np.ones((3, 8, 8)), rtol=1e-12)
+
+
+def test_suns_may_be_dimmed_by_local_media_alone():
+    """As in frames: a global medium dims no sun then, a lamp still, and a local one both."""
+    fog = Medium(extinction=0.2, height_fog=HeightFog(start=0.0, falloff=0.5))
+    puff = LocalMedium(shape="ellipsoid", extinction=2.0, transform=Transform(translate=(0, 3, -4), scale=(1, 1, 1)))
+    sun = DirectionalLight(direction=(0, 1, 0), irradiance=(4, 4, 4))
+    lamp = PointLight(position=(0, 6, -4), intensity=(9, 9, 9))
+    camera = Camera(width=6, height=4)
+
+    def light(sun_media, *, volumetric=True, **parts):
+        return render_truth(Scene(camera=camera, **parts), rtol=1e-6, volumetric_shadows=volumetric,
+                            sun_media=sun_media).radiance
+
+    alone = {"global_media": (fog,), "lights": (sun,)}
+    assert np.array_equal(light("local", **alone), light("all", volumetric=False, **alone))
+    share = light("all", **alone) / light("local", **alone)
+    assert (share < 0.95).all()
+    assert (share < 0.7).any()
+    lit = {"global_media": (fog,), "lights": (lamp,)}
+    assert np.array_equal(light("local", **lit), light("all", **lit))
+    # A constant medium without an end would leave a sun nothing; a local one dims it in both, where its shadow falls.
+    both = {"global_media": (Medium(extinction=0.05),), "local_media": (puff,), "lights": (sun,)}
+    shadowed, free = light("local", **both), light("local", volumetric=False, **both)
+    assert (shadowed <= free).all()
+    assert (shadowed < 0.9 * free).any()
+    with pytest.raises(InputError, match="sun_media: is 'none', must be all or local"):
+        light("none", **alone)
 
 
 def test_the_box_filter_is_a_mean_over_pixels():
