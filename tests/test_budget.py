@@ -20,7 +20,7 @@ from froxel_ref.frame import plan
 from froxel_ref.presets import preset
 from froxel_ref.quantities import final_result
 from froxel_ref.report_record import Budget, LeftOut
-from froxel_ref.scene import DirectionalLight, Medium, Scene
+from froxel_ref.scene import DirectionalLight, Medium, Particle, Scene
 from froxel_ref.scene_files import Loaded, builtin
 from froxel_ref.settings import (
     SWITCHES,
@@ -36,7 +36,7 @@ from froxel_ref.settings import (
 )
 
 NAMES = ("depth", "lateral", "opaque shadows", "volumetric shadows", "phase", "departures", "temporal filter",
-         "checkerboard", "lookup", "long range", "storage", "anti-aliasing")
+         "checkerboard", "lookup", "long range", "particles' light", "storage", "anti-aliasing")
 RASTER = (32, 18)
 
 
@@ -88,6 +88,9 @@ FOG = {"depth", "lateral"}
     ("uniform", ["taa.storage=float16"], FOG | {"storage"}),
     ("uniform", ["opacity_maps.storage=float16"], FOG | {"storage"}),
     ("uniform", ["taa.on=true"], FOG | {"anti-aliasing"}),
+    ("uniform", ["particles_lit_at=centre"], FOG),  # there are none
+    ("particles-in-fog", ["shadows=off"], FOG | {"volumetric shadows"}),
+    ("particles-in-fog", ["shadows=off", "particles_lit_at=centre"], FOG | {"volumetric shadows", "particles' light"}),
     ("uniform", ["merged=true"], FOG),  # the same image
     ("long-range", ["shadows=off", "merged=true"], FOG | {"long range", "phase"}),
 ])
@@ -101,13 +104,14 @@ def everything() -> tuple[Scene, Settings]:
     """A base that makes every approximation that there is."""
     scene, settings, _ = loaded("shaft")
     media = (*scene.global_media, Medium(extinction=0.01, phase_anisotropy=-0.5))
-    scene = dataclasses.replace(scene, global_media=media,
+    scene = dataclasses.replace(scene, global_media=media, particles=(Particle(position=(0, 1, -2), size=0.5),),
                                 lights=(*scene.lights, DirectionalLight(direction=(0, 1, 0.3), irradiance=(1, 1, 1))))
     return scene, replace(
         settings, grid=Grid(width=8, height=6, depth=8, far=4.0), volumetric_shadows="maps", fidelity="author",
         temporal=Temporal(filter="unphased", alpha=0.2, clamp="range"), checkerboard=True, merged=True,
         fog_lookup=FogLookup(method="noisy", bias=2.0, stored="tone_mapped", storage="float16", taps=2),
         long_range=LongRange(march=True, steps=4, sun_steps=2), precision="float32",
+        particles_lit_at="centre",
         opacity_maps=OpacityMaps(storage="float16", harmonics=1), taa=AntiAliasing(on=True, storage="float16"))
 
 
