@@ -89,8 +89,9 @@ FOG = {"depth", "lateral"}
     ("uniform", ["opacity_maps.storage=float16"], FOG | {"storage"}),
     ("uniform", ["taa.on=true"], FOG | {"anti-aliasing"}),
     ("uniform", ["particles_lit_at=centre"], FOG),  # there are none
-    ("particles-in-fog", ["shadows=off"], FOG | {"volumetric shadows"}),
-    ("particles-in-fog", ["shadows=off", "particles_lit_at=centre"], FOG | {"volumetric shadows", "particles' light"}),
+    ("particles-in-fog", ["shadows=off"], FOG | {"volumetric shadows", "phase"}),
+    ("particles-in-fog", ["shadows=off", "particles_lit_at=centre"],
+     FOG | {"volumetric shadows", "phase", "particles' light"}),
     ("uniform", ["merged=true"], FOG),  # the same image
     ("long-range", ["shadows=off", "merged=true"], FOG | {"long range", "phase"}),
 ])
