@@ -33,7 +33,7 @@ examples:
   froxel-ref report thesis-hall --set volumetric_shadows=maps --suite full -o hall
   froxel-ref report shaft --knobs slices,shadows --budget-ms 50
   froxel-ref report shaft --knobs slices,shadows --resume --max-error 0.001
-  froxel-ref report uniform --sweep grid.far=16,32,64 --sweep temporal.alpha=0.05,0.1
+  froxel-ref report uniform --sweep grid.far=16,32 --sweep grid.near=0.1,1
 """
 
 
@@ -187,6 +187,12 @@ def _print(report: Report, table: Callable[[Sequence[Sequence[str]], str], None]
     shown_points = [point for point in report.points if point.member != "dominated" or point.knob == "base"]
     rows += [_row(point) for point in sorted(shown_points, key=_time)]
     table(rows, "lrrrrrl")
+    if setup.noise > 1.15:
+        print(f"this machine was busy: medians are up to {setup.noise:.2f} times the least times")
+    for point in report.points:
+        if point.errors.worst > 0.5 and point in shown_points:
+            print(f"one pixel has {100.0 * point.errors.worst:.0f} % of the relMSE of {point.id}: see its mean |error| "
+                  f"({100.0 * point.errors.absolute:.2g} %) too")
     hidden = len(report.points) - len(shown_points)
     if hidden:
         print(f"and {hidden} point{'s' * (hidden > 1)} that another one surely beats in both")

@@ -284,7 +284,7 @@ def reference_words(subject: Subject, rtol: float) -> str:
     if how.volumetric_shadows != "off":
         shadows += " of surfaces, media and particles (of suns: local media)"
     return (f"converged single scattering along each pixel's ray, adaptive quadrature to a relative tolerance of "
-            f"{rtol:g}, {shadows}")
+            f"{rtol:g}, {shadows}.")
 
 
 # --- errors ---------------------------------------------------------------------------------------------
@@ -326,9 +326,11 @@ def distance(image: Image, reference: Image, *, epsilon: float) -> Errors:
     relmse, bias, quantile, maximum, absolute = (norm.value for norm in norms)
     if mean == 0.0:
         if maximum == 0.0:
-            return Errors(relmse, 0.0, 0.0, 0.0, absolute=0.0)
+            return Errors(relmse, 0.0, 0.0, 0.0, absolute=0.0, worst=0.0)
         return Errors(math.nan, math.nan, math.nan, math.nan, None, "the reference is black: no share of its mean")
-    return Errors(relmse, bias / mean, quantile / mean, maximum / mean, absolute=absolute / mean)
+    each = np.sum(((image - reference) / np.sqrt(reference * reference + epsilon)) ** 2, axis=0)
+    worst = float(each.max() / each.sum()) if maximum > 0.0 else 0.0
+    return Errors(relmse, bias / mean, quantile / mean, maximum / mean, absolute=absolute / mean, worst=worst)
 
 
 def whole_errors(image: Image, reference: Image, *, epsilon: float, exposure: float = 1.0,

@@ -25,14 +25,18 @@ from numpy.typing import ArrayLike, NDArray
 from froxel_ref.records import InputError
 
 __all__ = [
-    "MEMBERSHIPS", "EqualError", "EqualTime", "Front", "Recommendation", "Spread", "Step", "bars", "equal_error",
-    "equal_time", "front", "recommend", "spread",
+    "LEAST_GAIN", "MEMBERSHIPS", "EqualError", "EqualTime", "Front", "Recommendation", "Spread", "Step", "bars",
+    "equal_error", "equal_time", "front", "recommend", "spread",
 ]
 
 Doubles = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 CERTAIN, POSSIBLE, DOMINATED, FAILED = MEMBERSHIPS = ("certain", "possible", "dominated", "failed")
+
+
+LEAST_GAIN = 0.05
+"""By what share an error must be less for a step up to be worth its name."""
 
 
 class Spread(NamedTuple):
@@ -151,9 +155,9 @@ class Recommendation(NamedTuple):
     shortfall : float or None
         By how much the closest one misses it, in seconds or in error; 0 if it is met, None without a point.
     up : Step or None
-        To the next more exact point on the front.
+        To the fastest point that is more exact by `LEAST_GAIN` at least.
     down : Step or None
-        To the next less exact one.
+        To the most exact of the points that are faster.
     """
 
     point: int | None
@@ -419,8 +423,9 @@ def recommend(errors: ArrayLike, low: ArrayLike, high: ArrayLike, *, budget: flo
     It is never dominated: whoever surely dominates i has e ≤ e_i and h ≤ l_i ≤ h_i, so it meets the limit
     (or is as close) too, and comes before i in the order by which points are chosen.
 
-    Steps go to the neighbouring errors among those on the front; of several points with the same error to
-    the fastest by its lower end. A more exact point that is merely possible may turn out to be faster, too.
+    The step up leads to the fastest (by its lower end) of the points whose error is less by `LEAST_GAIN` at least, so
+    that no other more exact point is as fast; the step down to the most exact of the points that are faster. A
+    more exact point that is merely possible may be faster, too.
 
     Examples
     --------
@@ -445,10 +450,9 @@ def recommend(errors: ArrayLike, low: ArrayLike, high: ArrayLike, *, budget: flo
         missing = None if nearest is None else float(e[nearest] - limit)
     if nearest is None:
         return Recommendation(None, False, None, None, None)
-    _, always = _dominance(e, lowest, highest, fine)
-    on_front = fine & ~always.any(axis=1)
-    ups, downs = on_front & (e < e[nearest]), on_front & (e > e[nearest])
-    up, down = _first(ups, -e, lowest, highest), _first(downs, e, lowest, highest)
+    ups = fine & (e <= (1.0 - LEAST_GAIN) * e[nearest]) & (e < e[nearest])
+    downs = fine & (lowest < lowest[nearest]) & (e > e[nearest])
+    up, down = _first(ups, lowest, e, highest), _first(downs, e, lowest, highest)
     return Recommendation(nearest, i is not None, 0.0 if i is not None else missing,
                           *(None if j is None else _step(nearest, j, e, lowest, highest) for j in (up, down)))
 

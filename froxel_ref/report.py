@@ -107,7 +107,28 @@ def measure(prepared: Prepared, folder: Path, *, done: Mapping[str, Entry] | Non
         known[work.name] = entry
         report_log.append(folder, work.name, entry)
         behind += work.weight
+    _add_flip(prepared, folder, known)
     return put_together(prepared, folder, {work.name: known[work.name] for work in works})
+
+
+def _add_flip(prepared: Prepared, folder: Path, known: dict[str, Entry]) -> None:
+    """HDR-FLIP of images that were kept while its package was not there."""
+    subject, shape = prepared.subject, (3, *prepared.raster[::-1])
+    full = subject.loaded.scene.camera.width
+    if no_flip(prepared.raster, full):
+        return
+    truth = report_log.load_image(folder, "reference", shape)
+    for name, entry in list(known.items()):
+        errors = entry.value.get("errors") if isinstance(entry.value, dict) else None
+        if truth is None or errors is None or errors["flip"] is not None or errors["fault"]:
+            continue
+        image = report_log.load_image(folder, name, shape)
+        if image is None:
+            continue
+        found = whole_errors(image, truth, epsilon=EPSILON,
+                             pixels_per_degree=scaled_pixels_per_degree(prepared.raster[0], full))
+        known[name] = Entry({**entry.value, "errors": found._asdict()}, entry.took)
+        report_log.append(folder, name, known[name])
 
 
 # --- the measurements -----------------------------------------------------------------------------------

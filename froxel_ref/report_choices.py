@@ -27,11 +27,14 @@ from froxel_ref.report_markup import (
 )
 from froxel_ref.report_numbers import megabytes, milliseconds, number, percent
 from froxel_ref.report_plots import Drawing, plots_available
-from froxel_ref.report_record import Point, Report
+from froxel_ref.report_record import Errors, Point, Report
 
 __all__ = [
     "key_figures", "section_equal", "section_failures", "section_plots", "section_points", "section_recommendation",
 ]
+
+
+WORST = 0.25  # the share of relMSE from which on a single pixel is told
 
 
 def section_recommendation(report: Report) -> str:
@@ -57,7 +60,7 @@ def section_recommendation(report: Report) -> str:
     if advice.down is not None:
         steps.append(f"Faster: {link(report, advice.down)}.")
     head = (f"For {safe(advice.limit)}: {link(report, advice.point)}" if advice.met else
-            f"Nothing meets {safe(advice.limit)}; {link(report, advice.point)} comes closest")
+            f"Nothing surely meets {safe(advice.limit)}; {link(report, advice.point)} comes closest")
     return (f'<section class="card rec{"" if advice.met else " missed"}" id="recommendation"><h2>{head}</h2>'
             f'<p>{safe(advice.words)}</p><div class="line"><code tabindex="0">{safe(command)}</code>'
             '<button class="copy" type="button">Copy</button></div>'
@@ -116,7 +119,8 @@ def section_plots(report: Report, drawings: Mapping[str, Drawing]) -> str:
     """
     if not drawings:
         return ("" if plots_available() else
-                "<p>The plots are missing: the extra <code>report</code> (Matplotlib) draws them.</p>")
+                "<p>The plots are missing, the extra <code>report</code> draws them: <code>python -m pip "
+                "install 'froxel-ref[report]'</code>, then the same command with <code>--resume</code>.</p>")
     hint = "Point at a mark, tap it, or reach it by Tab and the arrow keys; a click marks its row in the table."
     return (drawn("error-against-time", "A point lies at the least time of its runs; its bar ends where noise "
                   "is likely to end. The "
@@ -163,6 +167,11 @@ def section_points(report: Report) -> str:
             + table(heads, rows, "points", tall=True, label="All points", sortable=True))
 
 
+def hangs(errors: Errors) -> str:
+    """A word of warning where few pixels decide on relMSE."""
+    return f"<small>{percent(errors.worst)} in one pixel</small>" if errors.worst > WORST else ""
+
+
 def _row(report: Report, index: int, point: Point, base: float, flips: bool) -> str:
     """A point's row in the table of all."""
     spread, errors = point.seconds, point.errors
@@ -177,7 +186,7 @@ def _row(report: Report, index: int, point: Point, base: float, flips: bool) -> 
              f'<td data-v="{list(MEMBERS).index(point.member) if point.member in MEMBERS else 9}">{front}</td>',
              cell(least(point), milliseconds(spread.least if spread else None)),
              cell(spread.median if spread else None, milliseconds(spread.median if spread else None)),
-             cell(speed, factor(speed)), cell(errors.relmse, number(errors.relmse)),
+             cell(speed, factor(speed)), cell(errors.relmse, number(errors.relmse) + hangs(errors)),
              cell(errors.absolute, percent(errors.absolute)), cell(errors.bias, percent(errors.bias)),
              cell(errors.quantile, number(errors.quantile)), cell(errors.maximum, number(errors.maximum))]
     if flips:
@@ -215,6 +224,13 @@ def section_equal(report: Report) -> str:
             "above 1 is better.</p>")
 
 
+def bar(point: Point | None) -> str:
+    """Both ends of a point's error bar, in ms."""
+    if point is None or point.seconds is None:
+        return milliseconds(None)
+    return f"{milliseconds(point.seconds.least)} to {milliseconds(point.seconds.end)}"
+
+
 def _equal_time(report: Report) -> str:
     """The most exact point of each time."""
     base = base_of(report)
@@ -223,11 +239,14 @@ def _equal_time(report: Report) -> str:
     for target in report.equal_time:
         point = (find(report, target.point) or (0, None))[1]
         error = math.nan if point is None else point.errors.relmse
-        rows += ("<tr>" + cell(target.budget, milliseconds(target.budget)) + f"<td>{link(report, target.point)}</td>"
-                 + (cell(least(point), milliseconds(least(point))) + cell(error, number(error))
+        maybe = f"<small>perhaps {link(report, target.perhaps)}</small>" if target.perhaps else ""
+        rows += ("<tr>" + cell(target.budget, milliseconds(target.budget))
+                 + f"<td>{link(report, target.point) if point else 'none surely' if maybe else '–'}{maybe}</td>"
+                 + (cell(least(point), bar(point)) + cell(error, number(error))
                     + cell(None, factor(ratio(start, error))) if point else
-                    '<td colspan="3" class="soft">no point is as fast</td>') + "</tr>")
-    heads = [("at most [ms]", "a frame", "n"), ("most exact point", "", "w"), ("time [ms]", "least", "n"),
+                    '<td colspan="3" class="soft">no point is surely as fast</td>') + "</tr>")
+    heads = [("at most [ms]", "a frame", "n"), ("most exact point", "whose whole bar fits", "w"),
+             ("time [ms]", "its bar: the least, and what noise may make of it", "n"),
              ("relMSE", "", "n"), ("less error", "the base’s relMSE over this one’s", "n")]
     return "<div><h3>With so much time</h3>" + table(heads, rows, "small", label="Equal time") + "</div>"
 

@@ -46,7 +46,7 @@ def _errors(path: str, about: Mapping[str, str]) -> tuple[Column, ...]:
     def column(field: str, heading: str) -> Column:
         return Column(heading, f"{path}.errors.{field}", about[field], lambda row: getattr(row.errors, field))
 
-    names = {"relmse": "relmse", "absolute": "mean_absolute", "bias": "bias",
+    names = {"relmse": "relmse", "worst": "worst_pixel_share", "absolute": "mean_absolute", "bias": "bias",
              "quantile": "quantile_999", "maximum": "maximum", "flip": "flip",
              "fault": "error_fault"}
     return tuple(column(field, heading) for field, heading in names.items())
@@ -54,6 +54,7 @@ def _errors(path: str, about: Mapping[str, str]) -> tuple[Column, ...]:
 
 ERRORS = {
     "relmse": "mean of (a - b)^2/(b^2 + epsilon) of radiance times exposure, a measured, b the reference [1]",
+    "worst": "the share of relMSE that a single pixel has [1]",
     "absolute": "mean of |a - b|, over the mean of b [1]",
     "bias": "mean of a - b, over the mean of b [1]",
     "quantile": "99.9th percentile of |a - b|, over the mean of b [1]",
@@ -262,7 +263,7 @@ def points_csv(points: Sequence[Point]) -> str:
 
     Examples
     --------
-    >>> points_csv([]).startswith("id,knob,label,overrides,frames,relmse,mean_absolute,bias")
+    >>> points_csv([]).startswith("id,knob,label,overrides,frames,relmse,worst_pixel_share,mean_absolute,bias")
     True
     """
     stages = list(dict.fromkeys(name for point in points for name in point.stages))
@@ -327,9 +328,9 @@ def refinement_csv(levels: Sequence[Level]) -> str:
     Examples
     --------
     >>> from froxel_ref.report_record import Errors
-    >>> print(refinement_csv([Level("1/1", 1.0, Errors(0.5, 0.25, 1.0, 2.0, absolute=0.75))]))
-    label,step,relmse,mean_absolute,bias,quantile_999,maximum,flip,error_fault
-    1/1,1.0,0.5,0.75,0.25,1.0,2.0,,
+    >>> print(refinement_csv([Level("1/1", 1.0, Errors(0.5, 0.25, 1.0, 2.0, absolute=0.75, worst=0.125))]))
+    label,step,relmse,worst_pixel_share,mean_absolute,bias,quantile_999,maximum,flip,error_fault
+    1/1,1.0,0.5,0.125,0.75,0.25,1.0,2.0,,
     <BLANKLINE>
     """
     return _table([column.heading for column in LEVEL_COLUMNS],

@@ -86,6 +86,9 @@ def page(report: Report, drawings: Mapping[str, Drawing], pictures: Sequence[Pic
         f"<script>{SCRIPT}</script></body></html>", ""])
 
 
+NOISY = 1.15  # ratio of median to least
+
+
 def _summary(report: Report) -> str:
     """What was compared, and between what times and errors."""
     setup, points = report.setup, report.points
@@ -98,8 +101,10 @@ def _summary(report: Report) -> str:
         return f"{words}. None of them could be measured."
     times = [p.seconds.least for p in good if p.seconds is not None]
     errors = [p.errors.relmse for p in good]
+    noisy = (f" <b>This machine was busy</b>: medians are up to {num(f'{setup.noise:.2f}')} times the least times, "
+             "which leaves many places on the front open." if setup.noise > NOISY else "")
     return (f"{words}: they take {num(milliseconds(min(times)))} to {num(milliseconds(max(times)), 'ms')} a frame, "
-            f"with a relMSE of {num(number(min(errors)))} to {num(number(max(errors)))}.")
+            f"with a relMSE of {num(number(min(errors)))} to {num(number(max(errors)))}.{noisy}")
 
 
 def _told(point: Point) -> dict[str, object]:
@@ -156,6 +161,14 @@ def _reading(report: Report) -> str:
          f"runs. Points that average over time are the last of {many(setup.frames, 'frame')}"),
         ("front", "points that no other beats in both time and relMSE. Certain: whatever the noise of times, within "
          "their bars; possible: it depends on that noise"),
+        ("budget", "a part is one approximation of the frame, and has a truth that replaces it. Its share: the mean of "
+         "what it adds first, to a frame that is true otherwise, and last, to one that is approximate otherwise, "
+         "projected on the frame’s error; negative where it undoes what others do. Alone: relMSE with everything else "
+         "true. Without: relMSE with this part true and all others as they are. Rest: what is left with all parts "
+         "true, which are fine but not infinitely so. Interaction: what three and more parts do together. A column "
+         f"of froxels for each of the {num(by(setup.raster))} pixels is the truth across, for then nothing is "
+         "interpolated"),
+        ("regions", "sky: nothing is hit; edges: next door another surface begins; surfaces: all else"),
         ("memory", "the most bytes that arrays took at one moment of a frame; 1 MB is 10⁶ bytes"),
     ]
     return '<dl class="list">' + "".join(f"<dt>{name}</dt><dd>{words}</dd>" for name, words in entries) + "</dl>"

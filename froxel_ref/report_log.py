@@ -28,8 +28,8 @@ LOG, IMAGES = "measurements.jsonl", "images"
 FORMAT, VERSION = "froxel-ref measurements", 1
 
 # What must be the same to go on, and what a header that differs is called.
-SAME = {"package": "version", "scene": "scene", "digest": "scene or settings", "suite": "suite",
-        "points": "knobs or sweeps"}
+SAME = {"package": "another version", "scene": "another scene", "digest": "another scene or other settings or files",
+        "suite": "another suite", "points": "other knobs or sweeps"}
 
 
 class Entry(NamedTuple):
@@ -83,7 +83,8 @@ def read(folder: Path, header: Mapping[str, Any]) -> dict[str, Entry]:
     try:
         lines = (folder / LOG).read_bytes().decode("utf-8", "replace").splitlines()
     except FileNotFoundError:
-        raise InputError("--resume", f"{place} holds no measurements to go on with") from None
+        why = "holds no measurements" if folder.is_dir() else "does not exist: there are no measurements"
+        raise InputError("--resume", f"{place} {why} to go on with") from None
     except OSError as error:
         raise refusal(error, "--resume", folder) from None
     documents = [found for line in lines if (found := _parsed(line)) is not None]
@@ -93,7 +94,7 @@ def read(folder: Path, header: Mapping[str, Any]) -> dict[str, Entry]:
     for key, word in SAME.items():
         if old.get(key) != header.get(key):
             told = f" ({shown(old.get(key))}, not {shown(header.get(key))})" if key not in ("digest", "points") else ""
-            raise InputError("--resume", f"{place} is of another {word}{told}, must be of the same: choose another "
+            raise InputError("--resume", f"{place} is of {word}{told}, must be of the same: choose another "
                                          "folder, or --force to begin anew")
     return {str(each["name"]): Entry(each["value"], each["took"]) for each in documents[1:]
             if {"name", "value", "took"} <= each.keys() and isinstance(each["took"], float)}

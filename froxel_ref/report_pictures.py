@@ -14,6 +14,7 @@ from froxel_ref import report_log
 from froxel_ref.budget import added
 from froxel_ref.display import Bytes, to_srgb8
 from froxel_ref.panels import FAINT, INK, canvas, scaled, write
+from froxel_ref.report_numbers import percent
 from froxel_ref.report_points import BASE, EPSILON
 from froxel_ref.report_record import Budget, Report
 
@@ -110,7 +111,7 @@ def _parts(budget: Budget, folder: Path, shape: tuple[int, int, int], whole: Ima
             continue
         first = {} if part.alone is None or alone is None else {part.name: alone}
         adds = added(part.name, whole=whole, none=none, alone=first, without={part.name: without})
-        found.append(Picture(part.name, f"{100.0 * part.share:.3g} % of relMSE", signed(adds)))
+        found.append(Picture(part.name, f"{percent(part.share)} of relMSE", signed(adds)))
     return found
 
 

@@ -58,6 +58,8 @@ class Errors(NamedTuple):
         Why there are no errors, in words: all are NaN then.
     absolute : float [1]
         Mean of |a − b|, over the mean of b. A few pixels that are far off count by how far they are, not by its square.
+    worst : float [1]
+        The share of relMSE that a single pixel has: where it is large, relMSE says little of the others.
     """
 
     relmse: float
@@ -67,6 +69,7 @@ class Errors(NamedTuple):
     flip: float | None = None
     fault: str = ""
     absolute: float = math.nan
+    worst: float = math.nan
 
 
 class Point(NamedTuple):
@@ -353,10 +356,20 @@ class Saved(NamedTuple):
 
 
 class AtTime(NamedTuple):
-    """A row of equal time: the most exact point whose error bar lies within; None where none does."""
+    """A row of equal time.
+
+    Attributes
+    ----------
+    budget : float [s]
+    point : str or None
+        The most exact point whose whole error bar lies within; None where none does.
+    perhaps : str or None
+        A more exact one, or the only one, of which at least the beginning of the bar does.
+    """
 
     budget: float
     point: str | None
+    perhaps: str | None = None
 
 
 class AtError(NamedTuple):

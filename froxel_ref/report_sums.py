@@ -6,7 +6,7 @@ import importlib.metadata
 import math
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -235,7 +235,7 @@ def _rows(points: Sequence[Point]) -> tuple[tuple[AtTime, ...], tuple[AtError, .
     times: tuple[AtTime, ...] = ()
     if base.seconds is not None:
         found = pareto.equal_time(*columns, [share * base.seconds.high for share in BUDGETS])
-        times = tuple(AtTime(row.budget, name(row.surely)) for row in found)
+        times = tuple(AtTime(row.budget, name(row.surely), _perhaps(row, name)) for row in found)
     sizes = [error for error in columns[0] if error > 0.0]
     if not sizes:
         return times, ()
@@ -245,6 +245,13 @@ def _rows(points: Sequence[Point]) -> tuple[tuple[AtTime, ...], tuple[AtError, .
     if not levels:
         return times, ()
     return times, tuple(AtError(row.level, name(row.fastest)) for row in pareto.equal_error(*columns, levels))
+
+
+def _perhaps(row: pareto.EqualTime, name: Callable[[int | None], str | None]) -> str | None:
+    """The point that may fit, where it is more exact than what surely does."""
+    better = row.surely is None or (row.possible_error is not None and row.sure_error is not None
+                                    and row.possible_error < row.sure_error)
+    return name(row.possibly) if better else None
 
 
 def _recommendation(prepared: Prepared, points: Sequence[Point]) -> Recommendation | None:
@@ -258,14 +265,15 @@ def _recommendation(prepared: Prepared, points: Sequence[Point]) -> Recommendati
         return Recommendation(limit, False, BASE, (), None, None, "No point could be measured.")
     point = points[found.point]
     words = f"{point.id} takes {_ms(point)} ms a frame with relMSE {point.errors.relmse:.3g}"
-    words += "." if found.met else f"; nothing that was measured meets {limit}, this comes closest."
+    surely = "surely " if budget is not None else ""
+    words += "." if found.met else f"; nothing that was measured {surely}meets {limit}, this comes closest."
     up, down = (None if step is None else points[step.point] for step in (found.up, found.down))
     if up is not None:
         words += (f" The next step up is {up.id}: {_ms(up)} ms and relMSE {up.errors.relmse:.3g}, "
                   f"{_ratio(point.errors.relmse, up.errors.relmse)} less error for "
                   f"{_ratio(_least(up), _least(point))} the time.")
     else:
-        words += " Nothing that was measured is more exact."
+        words += f" Nothing that was measured is more exact by {100.0 * pareto.LEAST_GAIN:g} % or more."
     return Recommendation(limit, found.met, point.id, point.overrides, None if up is None else up.id,
                           None if down is None else down.id, words)
 

@@ -12,6 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from froxel_ref.pareto import (
+    LEAST_GAIN,
     MEMBERSHIPS,
     EqualError,
     EqualTime,
@@ -280,13 +281,13 @@ def test_tables_are_what_a_search_finds(points, limit, data) -> None:
 
 
 def test_recommendations_by_hand() -> None:
-    """Point 2 is off the line of exact times, but its bar reaches below point 1's: a step down may lead to it."""
+    """Steps lead to points that are better in one of the two: never to point 2, which is off the line."""
     assert recommend(*LADDER, budget=3.0) == Recommendation(
-        1, True, 0.0, Step(3, 2.0, -2.0, True), Step(2, 0.5, 1.0, False))
-    assert recommend(*LADDER, budget=1.5) == Recommendation(0, True, 0.0, Step(2, 1.5, -3.0, True), None)
+        1, True, 0.0, Step(3, 2.0, -2.0, True), Step(0, -1.0, 4.0, True))
+    assert recommend(*LADDER, budget=1.5) == Recommendation(0, True, 0.0, Step(1, 1.0, -4.0, True), None)
     assert recommend(*LADDER, budget=9.0) == Recommendation(4, True, 0.0, None, Step(3, -4.0, 1.0, True))
     assert recommend(*LADDER, most_error=4.5) == recommend(*LADDER, budget=3.0)
-    assert recommend(*LADDER, budget=1.25) == Recommendation(0, False, 0.25, Step(2, 1.5, -3.0, True), None)
+    assert recommend(*LADDER, budget=1.25) == Recommendation(0, False, 0.25, Step(1, 1.0, -4.0, True), None)
     assert recommend(*LADDER, most_error=0.75) == Recommendation(4, False, 0.25, None, Step(3, -4.0, 1.0, True))
 
 
@@ -311,14 +312,16 @@ def test_recommendations_are_on_the_front_and_the_best_there(points, limit, by_t
     else:
         assert found.shortfall == min(p[2] if by_time else p[0] for p in kept) - limit > 0.0
         assert found.shortfall == (high if by_time else e) - limit
-    above, below = sorted({p[0] for p in on if p[0] > e}), sorted({p[0] for p in on if p[0] < e})
-    for step, errors in ((found.down, above[:1]), (found.up, below[-1:])):
-        assert (step is not None) == bool(errors)
-        if step is not None:
+    ups = [p for p in kept if p[0] < e and p[0] <= (1.0 - LEAST_GAIN) * e]
+    downs = [p for p in kept if p[0] > e and p[1] < low]
+    best = (min(ups, key=lambda p: (p[1], p[0], p[2]), default=None),
+            min(downs, key=lambda p: (p[0], p[1], p[2]), default=None))
+    for step, wanted in zip((found.up, found.down), best, strict=True):
+        assert (step is None) == (wanted is None)
+        if step is not None and wanted is not None:
             other = points[step.point]
+            assert (other[0], *other[1]) == wanted
             assert other in on
-            assert other[0] == errors[0]
-            assert other[1][0] == min(p[1][0] for p in on if p[0] == errors[0])
             assert (step.seconds, step.error) == (other[1][0] - low, other[0] - e)
             assert step.sure == (other[1][0] > high or other[1][1] < low)
 

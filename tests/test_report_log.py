@@ -84,10 +84,10 @@ def test_a_line_that_is_no_measurement_counts_as_not_there(folder: Path, line: b
     ({"scene": "shaft"}, r"is of another scene \('hall', not 'shaft'\), must be of the same: choose another folder, or "
                          "--force to begin anew"),
     ({"package": "2.0"}, r"is of another version \('1.0', not '2.0'\)"),
-    ({"digest": "abd"}, "is of another scene or settings, must"),
+    ({"digest": "abd"}, "is of another scene or other settings or files, must"),
     ({"suite": "full"}, r"is of another suite \('quick', not 'full'\)"),
-    ({"points": [["base", 1]]}, "is of another knobs or sweeps, must"),
-    ({"points": [["base", 1], ["slices=8", 4]]}, "is of another knobs or sweeps, must")])
+    ({"points": [["base", 1]]}, "is of other knobs or sweeps, must"),
+    ({"points": [["base", 1], ["slices=8", 4]]}, "is of other knobs or sweeps, must")])
 def test_what_is_of_something_else_is_refused(folder: Path, change: dict[str, object], words: str) -> None:
     before = (folder / LOG).read_bytes()
     with pytest.raises(InputError, match=words) as fault:

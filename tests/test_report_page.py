@@ -133,7 +133,8 @@ def test_gain_and_speed_up_are_against_the_base():
     for row in report.equal_time:
         if row.point is not None:
             seconds, relmse = told[row.point].seconds.least, told[row.point].errors.relmse
-            assert (f"{ms(row.budget)} {row.point} {ms(seconds)} {plain(relmse)} "
+            bar = f"{ms(seconds)} to {ms(told[row.point].seconds.end)}"
+            assert (f"{ms(row.budget)} {row.point} {bar} {plain(relmse)} "
                     f"{plain(base.errors.relmse / relmse)}×") in text
     assert text.count("no point is as") == 2
 
@@ -151,7 +152,7 @@ def test_without_matplotlib_the_page_has_its_tables_and_one_line(monkeypatch: py
     monkeypatch.setattr(report_choices, "plots_available", lambda: False)
     text = page(rich(), {})
     assert "<svg" not in text
-    assert "The plots are missing: the extra report (Matplotlib) draws them." in re.sub(r"</?code>", "", text)
+    assert "The plots are missing, the extra report draws them: python -m pip install" in re.sub(r"</?code>", "", text)
     assert all(point.id in text for point in rich().points)
 
 
