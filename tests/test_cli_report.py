@@ -282,7 +282,8 @@ def test_the_examples_of_the_help_are_accepted(capsys: pytest.CaptureFixture[str
     (["uniform", *SWEEP, "--max-error", "nan"], "--max-error: is 'nan', must be a number above 0 such as 1e-3"),
     (["uniform", *SWEEP, "--budget-ms", "33", "--max-error", "1"], "--max-error: is given with --budget-ms, must be"),
     (["uniform", *SWEEP, "--force", "--resume"], "--resume: is given with --force, must be one of the two"),
-    (["uniform", *SWEEP, "--resume"], "--resume: 'report-uniform' holds no measurements to go on with"),
+    (["uniform", *SWEEP, "--resume"],
+     "--resume: 'report-uniform' does not exist: there are no measurements to go on with"),
     (["uniform", *SWEEP, "-o", ""], "output: is '', must be a name to write to"),
     (["uniform", *SWEEP, "-o", "no/such/place"], "output: 'no/such/place' cannot be written: its folder does not"),
     (["uniform", *SWEEP, "--set", "grid.far=0"], "settings.grid.far: is 0, must be "),
@@ -316,12 +317,12 @@ def test_a_folder_that_is_taken_is_left_as_it_is(capsys: pytest.CaptureFixture[s
     usual = ["shaft", *SMALL, *SWEEP, "--fidelity", "published", "-o", "out"]
     assert refused(capsys, *usual) == (
         "output: 'out' exists; give --resume to go on with it, --force to replace it")
-    for arguments, word in ((["uniform", *usual[1:]], r"scene \('shaft', not 'uniform'\)"),
-                            ([*usual, "--set", "grid.far=9"], "scene or settings"),
-                            ([*usual, "--set", "lights[0].radius=9"], "scene or settings"),
-                            ([*usual, "--suite", "full"], r"suite \('quick', not 'full'\)"),
-                            ([*usual, "--sweep", "grid.far=9"], "knobs or sweeps")):
-        assert re.fullmatch(rf"--resume: 'out' is of another {word}, must be of the same: choose another folder, or "
+    for arguments, word in ((["uniform", *usual[1:]], r"another scene \('shaft', not 'uniform'\)"),
+                            ([*usual, "--set", "grid.far=9"], "another scene or other settings or files"),
+                            ([*usual, "--set", "lights[0].radius=9"], "another scene or other settings or files"),
+                            ([*usual, "--suite", "full"], r"another suite \('quick', not 'full'\)"),
+                            ([*usual, "--sweep", "grid.far=9"], "other knobs or sweeps")):
+        assert re.fullmatch(rf"--resume: 'out' is of {word}, must be of the same: choose another folder, or "
                             r"--force to begin anew", refused(capsys, *arguments, "--resume"))
         assert contents(here / "out") == before
     log = here / "out" / LOG

@@ -250,9 +250,9 @@ def test_the_reference_is_right_whatever_the_settings_are() -> None:
 
 def test_the_reference_says_what_it_is() -> None:
     found = subject("shaft")
-    assert reference_words(found, 1e-3).endswith("relative tolerance of 0.001, exact shadows")
-    for shadows, volumetric, words in (("off", "off", ", no shadows"),
-                                       ("maps", "maps", ", exact shadows of surfaces, media and particles")):
+    assert reference_words(found, 1e-3).endswith("relative tolerance of 0.001, exact shadows.")
+    for shadows, volumetric, words in (("off", "off", ", no shadows."),
+                                       ("maps", "maps", ", exact shadows of surfaces, media and particles (of suns: local media).")):
         loaded = found.loaded._replace(settings=replace(found.settings, shadows=shadows,
                                                         volumetric_shadows=volumetric))
         assert reference_words(found._replace(loaded=loaded), 1e-3).endswith(words)
