@@ -181,6 +181,9 @@ def _print(report: Report, table: Callable[[Sequence[Sequence[str]], str], None]
     print(f"{setup.scene}: frames of {setup.size[0]} x {setup.size[1]} pixels, errors of {setup.raster[0]} x "
           f"{setup.raster[1]} ones against the truth (relMSE of its own error {reference.floor:.1e}); "
           f"{len(report.points)} point{'s' * (len(report.points) > 1)} in {setup.took:.0f} s")
+    if not 0.02 < reference.mean < 50.0:
+        print(f"the image's mean is {reference.mean:.3g} after exposure: relMSE's ε of {setup.epsilon:g} supposes it "
+              "to be of order 1, see mean |error| too")
     if reference.unconverged:
         print(f"the truth did not converge in {reference.unconverged} of {reference.pixels} pixels")
     rows: list[Sequence[str]] = [("point", "ms", "MB", "relMSE", "bias", "FLIP", "front")]
@@ -249,6 +252,7 @@ def _print_refinement(report: Report, table: Callable[[Sequence[Sequence[str]], 
     found = report.refinement
     table([("refined together", "relMSE", "mean |error|"), *(
         (level.label, f"{level.errors.relmse:.2e}", f"{level.errors.absolute:.2e}") for level in found.levels)], "lrr")
-    orders = [f"{words} falls with order {value:.2f}" for words, value in (
+    orders = [f"{words} falls with order {value:.2f}" if value >= 0.25 else
+              f"{words} does not fall steadily (order {value:.2f})" for words, value in (
         ("√relMSE", found.order), ("mean |error|", found.absolute_order)) if value is not None]
     print("; ".join(orders) or "no order: a level has no error, or failed")

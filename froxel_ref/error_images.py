@@ -115,7 +115,8 @@ def raster(camera: Camera, pixels: int, *, exactly: bool = False) -> tuple[int, 
     Returns
     -------
     width, height : int
-        The camera's own if that is not larger, or if there is none.
+        The camera's own if that is not larger. Of the same shape exactly where there is such a size not far from what
+        is wanted, else to half a pixel.
 
     Notes
     -----
@@ -126,6 +127,8 @@ def raster(camera: Camera, pixels: int, *, exactly: bool = False) -> tuple[int, 
     --------
     >>> raster(Camera(width=960, height=540), 7000), raster(Camera(width=31, height=20), 7000)
     ((112, 63), (31, 20))
+    >>> raster(Camera(width=1366, height=768), 7000)
+    (119, 67)
     """
     parts = math.gcd(camera.width, camera.height)
     across, down = camera.width // parts, camera.height // parts
@@ -134,7 +137,11 @@ def raster(camera: Camera, pixels: int, *, exactly: bool = False) -> tuple[int, 
     fit = [k for k in range(1, parts + 1)
            if ((parts // k) % 2 == 1 and parts % k == 0 if exactly else _is_prime(k) or k == parts)]
     best = min(fit, key=lambda k: abs(math.log(across * down * k * k / pixels)), default=parts)
-    return across * best, down * best
+    rows = math.sqrt(pixels * camera.height / camera.width)
+    height = next(n for n in range(max(2, math.floor(rows)), 2 * math.ceil(rows) + 4) if _is_prime(n))
+    if exactly or across * down * best * best < 2.5 * pixels or height > camera.height:
+        return across * best, down * best
+    return max(1, round(height * camera.width / camera.height)), height
 
 
 def _is_prime(number: int) -> bool:
@@ -144,12 +151,34 @@ def _is_prime(number: int) -> bool:
 def _smaller(scene: Scene, assets: Assets, pixels: int) -> tuple[Scene, Assets]:
     camera, own = scene.camera, scene.image_buffers is not None
     width, height = raster(camera, pixels, exactly=own)
+    if own and width * height > 2.5 * pixels:
+        return _lattice(scene, assets, pixels)
     small = dataclasses.replace(scene, camera=dataclasses.replace(camera, width=width, height=height))
     step = camera.width // width
     if not own or step == 1:
         return small, assets
     every = slice(step // 2, None, step)
     depth, radiance = (None if image is None else image[..., every, every]
+                       for image in (assets.depth, assets.radiance))
+    return small, assets._replace(depth=depth, radiance=radiance)
+
+
+def _lattice(scene: Scene, assets: Assets, pixels: int) -> tuple[Scene, Assets]:
+    """Every s-th pixel of images that come from elsewhere, s odd, a border left out so that the middle stays."""
+    camera = scene.camera
+    step = max(3, round(math.sqrt(camera.width * camera.height / pixels)) // 2 * 2 + 1)
+    counts, slices = [], []
+    for size in (camera.width, camera.height):
+        count = size // step
+        # As many pixels are left out on either side.
+        count -= (size - (count - 1) * step - 1) % 2 if count > 1 else 0
+        start = (size - (count - 1) * step - 1) // 2
+        counts.append(count)
+        slices.append(slice(start, start + (count - 1) * step + 1, step))
+    half = math.tan(math.radians(0.5 * camera.vertical_fov)) * counts[1] * step / camera.height
+    small = dataclasses.replace(scene, camera=dataclasses.replace(
+        camera, width=counts[0], height=counts[1], vertical_fov=math.degrees(2.0 * math.atan(half))))
+    depth, radiance = (None if image is None else image[..., slices[1], slices[0]]
                        for image in (assets.depth, assets.radiance))
     return small, assets._replace(depth=depth, radiance=radiance)
 

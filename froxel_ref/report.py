@@ -41,6 +41,9 @@ Tell = Callable[[str, int, int], None]
 # What a frame costs beside its froxels, and rays instead of maps, in froxels: for the time that is left.
 PIXELS, RAYS, TRUTH = 0.5, 6.0, 200.0
 
+# Pixels along each axis for one of the raster's, of an image whose long range is true.
+FINER = 5
+
 # What refinement changes; every other part of the budget is replaced by its truth.
 REFINED = ("depth", "lateral", "opaque shadows", "volumetric shadows", "long range")
 
@@ -175,7 +178,9 @@ def _reference(prepared: Prepared, folder: Path) -> Iterator[Work]:
         found = reference_image(subject, rtol=rtol, threads=prepared.asked.threads)
         report_log.store_image(folder, "reference", found.radiance)
         floor = float(np.mean((found.error / np.sqrt(found.radiance**2 + EPSILON)) ** 2))
-        return {"begun": begun, "seconds": found.seconds, "unconverged": int((~found.converged).sum()), "floor": floor}
+        mean = float(found.radiance.mean())
+        return {"begun": begun, "mean": mean, "seconds": found.seconds,
+                "unconverged": int((~found.converged).sum()), "floor": floor}
 
     pixels = prepared.raster[0] * prepared.raster[1]
     yield Work("reference", "the truth", TRUTH * pixels, run, image=True)
@@ -224,9 +229,13 @@ def _budget_images(prepared: Prepared, folder: Path) -> Iterator[Work]:
     if not parts:
         return
 
+    # A long range that is true is not marched at half the image's resolution either, which no setting changes.
+    marched = any(part.name == "long range" for part in parts) and prepared.subject.small.image_buffers is None
+
     def work(name: str, settings: Settings) -> Work:
         frames = prepared.subject.frames if averages(settings) else 1
-        return _image(prepared, folder, name, name, settings, frames)
+        finer = FINER if marched and settings.long_range != base.long_range else 1
+        return _image(prepared, folder, name, name, settings, frames, finer=finer)
 
     yield work("budget: none", all_true(base, parts))
     for part in parts:

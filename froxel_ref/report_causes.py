@@ -91,6 +91,10 @@ def _parts(budget: Budget, total: float) -> str:
     return table(heads, rows, "small", label="Budget", foot=foot)
 
 
+STEADY = 0.25  # the order below which levels do not tend to anything
+NEAR = 0.1  # of the frame's own error: a claim that is not off by more is near
+
+
 def _adds_up(budget: Budget, total: float) -> str:
     """Whether shares add up to 1, and whether the claim holds."""
     if not math.isfinite(total):
@@ -104,14 +108,17 @@ def _adds_up(budget: Budget, total: float) -> str:
     if claim is None:
         return words
     gap = abs(math.sqrt(max(claim.claimed, 0.0)) - math.sqrt(max(claim.measured, 0.0)))
-    held = gap <= claim.slack * (1.0 + 1e-6) + 1e-12
+    near = gap <= NEAR * math.sqrt(budget.total)
+    worse = [part.name for part in budget.parts if part.share > 0.01 and part.without > budget.total]
     return (f"{words} The check, of the largest part: without <b>{safe(claim.name)}</b> the budget claims a relMSE of "
             f"{num(number(claim.claimed))}, and the frame without it has {num(number(claim.measured))}. Their roots "
-            f"(relMSE is the square of a length) differ by {num(number(gap))}, of which the half of what this part "
-            f"does together with others explains up to {num(number(claim.slack))}: " + (
-                '<b class="good">the claim holds</b>.' if held else '<b class="fail">the claim does not hold</b>.')
-            + (" The frame is no more exact without it: another part needs it." if claim.measured >= budget.total
-               else ""))
+            f"(relMSE is the square of a length) differ by {num(number(gap))}; half of what this part does together "
+            f"with others explains up to {num(number(claim.slack))}. " + (
+                f'<b class="good">The two are within {percent(NEAR)} of the frame’s own</b>.' if near else
+                '<b class="fail">They are far apart</b>: this part and others undo each other in places, and no single '
+                "share tells what its truth would buy.")
+            + (f" Made true by themselves, {safe(' and '.join(worse))} would make the frame less exact, for another "
+               "part needs them." if worse else ""))
 
 
 def _regions(budget: Budget) -> str:
@@ -152,7 +159,10 @@ def section_refinement(report: Report, drawings: Mapping[str, Drawing]) -> str:
 def _orders(found: Refinement) -> str:
     """What orders were fitted, and how well."""
     words = "No order could be fitted: a level has no error."
-    if found.order is not None:
+    if found.order is not None and found.order < STEADY:
+        words = (f"Grid, maps and harmonics refined together, √relMSE does not fall steadily (the fitted order is "
+                 f"{num(f'{found.order:.2f}'.replace('-', '−'))}).")
+    elif found.order is not None:
         words = (f"Grid, maps and harmonics refined together, the frame tends to the reference by the order "
                  f"<b>{num(f'{found.order:.2f}'.replace('-', '−'))}</b>: √relMSE goes with that power of the step.")
         if 0.0 < found.order < 50.0:

@@ -59,6 +59,10 @@ def section_recommendation(report: Report) -> str:
         steps.append(f"More exact: {link(report, advice.up)}.")
     if advice.down is not None:
         steps.append(f"Faster: {link(report, advice.down)}.")
+    best = find(report, advice.point)
+    if best is None or failed(best[1]):
+        return ('<section class="card rec missed" id="recommendation"><h2>No recommendation</h2>'
+                f"<p>{safe(advice.words)}</p></section>")
     head = (f"For {safe(advice.limit)}: {link(report, advice.point)}" if advice.met else
             f"Nothing surely meets {safe(advice.limit)}; {link(report, advice.point)} comes closest")
     return (f'<section class="card rec{"" if advice.met else " missed"}" id="recommendation"><h2>{head}</h2>'

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import re
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
 from froxel_ref import report_log
-from froxel_ref.output import check_folder, refusal
+from froxel_ref.output import check_folder, read_manifest, refusal
 from froxel_ref.records import InputError
 from froxel_ref.report import Tell, measure
-from froxel_ref.report_files import BUDGET, JSON, PAGE, PICTURES, POINTS, REFINEMENT, write_report
+from froxel_ref.report_entries import sound
+from froxel_ref.report_files import BUDGET, FORMAT, JSON, PAGE, PICTURES, POINTS, REFINEMENT, write_report
 from froxel_ref.report_pictures import SHEET, error_pictures
 from froxel_ref.report_points import Prepared
 from froxel_ref.report_record import Report
 
 __all__ = ["check_target", "drop_empty", "measured", "run_report"]
 
-FILES = (JSON, POINTS, BUDGET, REFINEMENT, PAGE, SHEET, *PICTURES, report_log.LOG, report_log.IMAGES)
+# The log's lock is the last to go: while it stands, the folder is a report's.
+FILES = (JSON, POINTS, BUDGET, REFINEMENT, PAGE, SHEET, *PICTURES, report_log.IMAGES, report_log.LOG, report_log.LOCK)
+PARTIAL = re.compile(r"\..*\.partial-[0-9a-f]{8}(\.\w+)?")  # of a write that was killed
 
 
 def check_target(folder: Path, *, force: bool = False, resume: bool = False) -> None:
@@ -41,11 +46,13 @@ def check_target(folder: Path, *, force: bool = False, resume: bool = False) -> 
 
 def _foreign(folder: Path) -> str | None:
     """Something in the folder that no report put there."""
-    log = folder / report_log.LOG
-    known = FILES if log.is_file() and report_log.is_log(log) else ()
+    names = [entry.name for entry in sorted(folder.iterdir())]
+    if not (report_log.LOCK in names or report_log.is_log(folder / report_log.LOG)
+            or read_manifest(folder / JSON, FORMAT)):
+        return names[0] if names else None
     images = folder / report_log.IMAGES
-    strange = [entry.name for entry in sorted(folder.iterdir()) if entry.name not in known]
-    if not strange and known and images.is_dir():
+    strange = [name for name in names if name not in FILES and not PARTIAL.fullmatch(name)]
+    if not strange and images.is_dir():
         strange = [f"{images.name}/{entry.name}" for entry in sorted(images.iterdir()) if entry.suffix != ".npy"]
     return strange[0] if strange else None
 
@@ -80,13 +87,18 @@ def run_report(prepared: Prepared, folder: Path | str, *, force: bool = False, r
     folder = Path(folder)
     check_target(folder, force=force, resume=resume)
     if resume:
-        done = report_log.read(folder, prepared.header)
-    else:
-        _clear(folder)
-        report_log.begin(folder, prepared.header)
-        done = {}
-    report = measure(prepared, folder, done=done, tell=tell)
-    write_report(folder, report, shown=error_pictures(report, folder))
+        report_log.read(folder, prepared.header)  # refuses what cannot be gone on with, and makes nothing
+    with report_log.locked(folder):
+        if resume:
+            done = {name: entry for name, entry in report_log.read(folder, prepared.header).items()
+                    if sound(name, entry.value)}
+            _sweep(folder)
+        else:
+            _clear(folder)
+            report_log.begin(folder, prepared.header)
+            done = {}
+        report = measure(prepared, folder, done=done, tell=tell)
+        write_report(folder, report, shown=error_pictures(report, folder))
     return report
 
 
@@ -94,8 +106,9 @@ def _clear(folder: Path) -> None:
     """Remove an earlier report, file by file."""
     if not folder.is_dir():
         return
+    _sweep(folder)
     try:
-        for name in FILES:
+        for name in FILES[:-1]:
             path = folder / name
             if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
@@ -103,6 +116,15 @@ def _clear(folder: Path) -> None:
                 path.unlink(missing_ok=True)
     except OSError as error:
         raise refusal(error, "output", folder) from None
+
+
+def _sweep(folder: Path) -> None:
+    """Remove what writes that were killed have left behind."""
+    for place in (folder, folder / report_log.IMAGES):
+        for path in place.iterdir() if place.is_dir() else ():
+            if PARTIAL.fullmatch(path.name) and path.is_file():
+                with suppress(OSError):
+                    path.unlink()
 
 
 def measured(folder: Path) -> int:
@@ -119,6 +141,7 @@ def drop_empty(folder: Path) -> None:
     if folder.is_dir() and measured(folder) == 0 and not any((folder / name).exists() for name in (JSON, PAGE)):
         _clear(folder)
         try:
+            (folder / report_log.LOCK).unlink(missing_ok=True)
             folder.rmdir()
         except OSError:
             raise InputError("output", f"{folder} could not be removed") from None

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tokenize import TokenError
 from typing import Any, NamedTuple
@@ -21,10 +22,11 @@ from froxel_ref.output import refusal, whole_file
 from froxel_ref.records import InputError, shown
 
 __all__ = [
-    "FORMAT", "IMAGES", "LOG", "Entry", "append", "begin", "image_path", "is_log", "load_image", "read", "store_image",
+    "FORMAT", "IMAGES", "LOCK", "LOG", "Entry", "append", "begin", "image_path", "is_log", "load_image", "locked",
+    "read", "store_image",
 ]
 
-LOG, IMAGES = "measurements.jsonl", "images"
+LOG, IMAGES, LOCK = "measurements.jsonl", "images", "measurements.lock"
 FORMAT, VERSION = "froxel-ref measurements", 1
 
 # What must be the same to go on, and what a header that differs is called.
@@ -55,9 +57,47 @@ def begin(folder: Path, header: Mapping[str, Any]) -> None:
     """
     try:
         (folder / IMAGES).mkdir(parents=True, exist_ok=True)
-        (folder / LOG).write_text(json.dumps({"format": FORMAT, "version": VERSION, **header}) + "\n", "utf-8")
     except OSError as error:
         raise refusal(error, "output", folder) from None
+    with whole_file(folder / LOG, force=True) as partial:
+        partial.write_text(json.dumps({"format": FORMAT, "version": VERSION, **header}) + "\n", "utf-8")
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Be the only one that writes into a folder, which is made if it is not there.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Yields
+    ------
+    None
+        While it lasts; a process that ends, however it does, lets go.
+
+    Raises
+    ------
+    InputError
+        Another process writes there, or it cannot be written.
+    """
+    try:
+        folder.mkdir(exist_ok=True)
+        file = (folder / LOCK).open("a")
+    except OSError as error:
+        raise refusal(error, "output", folder) from None
+    with file:
+        try:
+            import fcntl
+        except ImportError:  # a system without such locks: nobody is kept out
+            yield
+            return
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError("output", f"{shown(str(folder))} is being written by another report, must be left to it") \
+                from None
+        yield
 
 
 def read(folder: Path, header: Mapping[str, Any]) -> dict[str, Entry]:
@@ -165,6 +205,8 @@ def store_image(folder: Path, name: str, image: NDArray[Any]) -> None:
     InputError
         It cannot be written.
     """
+    with suppress(OSError):  # what stands in the way is told below
+        (folder / IMAGES).mkdir(exist_ok=True)
     with whole_file(image_path(folder, name), force=True) as partial:
         np.save(partial, image, allow_pickle=False)
 

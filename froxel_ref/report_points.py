@@ -219,6 +219,8 @@ def _spots(subject: Subject, planned: Plan, asked: Asked) -> tuple[tuple[Spot, .
                     raise
                 spots.append(Spot(name, knob.name, step.label, step.overrides, 1, None, f"refused: {error}"))
                 continue
+            if knob not in KNOBS:
+                _check_truth(base, settings, step.overrides)
             frames = _frames(subject, settings, step.frames)
             same = _spelt_out(settings), frames
             if same not in seen:
@@ -230,6 +232,17 @@ def _spots(subject: Subject, planned: Plan, asked: Asked) -> tuple[tuple[Spot, .
 def _spelt_out(settings: Settings) -> Settings:
     """The same with every switch set by itself: settings that make the same frame are equal then."""
     return replace(settings, fidelity="corrected", **{name: getattr(settings, name) for name in SWITCHES})
+
+
+def _check_truth(base: Settings, settings: Settings, overrides: Sequence[str]) -> None:
+    """Refuse a sweep of what the truth depends on."""
+    changed_ones = [name for name in ("time", "phase_function", "second_lobe")
+                    if getattr(base, name) != getattr(settings, name)]
+    beyond = not base.long_range.march and settings.grid.far > base.grid.far
+    if changed_ones or beyond:
+        why = "ends where the base's froxels end" if beyond and not changed_ones else "depends on it"
+        raise InputError("--sweep", f"turns {', '.join(overrides)}: errors are taken against one truth, which {why}; "
+                                    "must be a setting that the truth does not have")
 
 
 def _frames(subject: Subject, settings: Settings, frames: int | None) -> int:

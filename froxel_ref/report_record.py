@@ -197,6 +197,8 @@ class Reference(NamedTuple):
     pixels : int
     seconds : float [s]
         That it took.
+    mean : float [1]
+        Of radiance times exposure: relMSE's ε supposes it to be of order 1.
     """
 
     about: str
@@ -205,6 +207,7 @@ class Reference(NamedTuple):
     unconverged: int
     pixels: int
     seconds: float
+    mean: float = 1.0
 
 
 class BudgetPart(NamedTuple):

@@ -17,7 +17,8 @@ _RULES = """
 body{font:15px/1.5 system-ui,sans-serif;margin:0;background:var(--p-paper);color:var(--p-ink);
 -webkit-text-size-adjust:100%}
 main,header{max-width:1160px;margin:0 auto;padding:0 1.2rem}
-header{padding-top:1.6rem}h1{font-size:1.7rem;line-height:1.2;margin:0 0 .3rem;letter-spacing:-.01em}
+header{padding-top:1.6rem;overflow-wrap:anywhere}
+h1{font-size:1.7rem;line-height:1.2;margin:0 0 .3rem;letter-spacing:-.01em}
 h2{font-size:1.22rem;margin:2.6rem 0 .5rem;letter-spacing:-.005em}h3{font-size:1rem;margin:1.6rem 0 .4rem}
 p{margin:.4rem 0 .7rem;max-width:78ch}.soft,figcaption,dd{color:var(--p-soft)}a{color:var(--link)}
 nav{position:sticky;top:0;z-index:6;background:var(--p-paper);border-bottom:1px solid var(--line);margin-top:.9rem}

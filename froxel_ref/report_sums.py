@@ -118,7 +118,7 @@ def _processor() -> str:
 def _reference(prepared: Prepared, truth: Image, entry: Entry) -> Reference:
     value = entry.value
     return Reference(reference_words(prepared.subject, prepared.suite.rtol), prepared.suite.rtol, value["floor"],
-                     value["unconverged"], truth[0].size, value["seconds"])
+                     value["unconverged"], truth[0].size, value["seconds"], value["mean"])
 
 
 # --- points ---------------------------------------------------------------------------------------------
@@ -145,8 +145,8 @@ def noise_of(points: Sequence[Point]) -> float:
 
 
 def _columns(points: Sequence[Point]) -> tuple[list[float], list[float], list[float]]:
-    """Errors, and both ends of times; NaN where there is none."""
-    return ([point.errors.relmse for point in points],
+    """Errors, and both ends of times; NaN where there is none. What differs by rounding alone does not differ."""
+    return ([float(f"{point.errors.relmse:.9e}") for point in points],
             [math.nan if point.seconds is None else point.seconds.least for point in points],
             [math.nan if point.seconds is None else point.seconds.end for point in points])
 

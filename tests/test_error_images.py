@@ -58,13 +58,20 @@ def is_prime(number: int) -> bool:
 def test_a_raster_has_the_shape_of_the_view(across: int, down: int, times: int, pixels: int) -> None:
     camera = Camera(width=across * times, height=down * times)
     width, height = raster(camera, pixels)
-    assert width * camera.height == height * camera.width
     assert width <= camera.width
+    assert height <= camera.height
+    # Where no size of the very shape is near, one to half a pixel, and a prime number of rows.
+    if width * camera.height != height * camera.width:
+        assert abs(width - height * camera.width / camera.height) <= 0.5 or width == 1
+        assert is_prime(height)
+        return
     if camera.width * camera.height <= pixels:
         assert (width, height) == (camera.width, camera.height)
         return
     shared, every = math.gcd(width, height), math.gcd(camera.width, camera.height)
-    assert is_prime(shared) or shared == every
+    assert is_prime(shared) or shared == every or is_prime(height)
+    if not (is_prime(shared) or shared == every):
+        return
     # Of the primes none would be nearer to what was asked for.
     off = abs(math.log(width * height / pixels))
     unit = camera.width // every * (camera.height // every)
@@ -74,7 +81,8 @@ def test_a_raster_has_the_shape_of_the_view(across: int, down: int, times: int, 
 @pytest.mark.parametrize(("size", "pixels", "expected"), [
     ((960, 540), 7_000, (112, 63)), ((960, 540), 24_000, (208, 117)), ((640, 360), 7_000, (112, 63)),
     ((1920, 1080), 7_000, (112, 63)), ((512, 512), 7_000, (83, 83)), ((101, 103), 7_000, (101, 103)),
-    ((32, 18), 576, (32, 18)), ((32, 18), 575, (32, 18)), ((64, 36), 600, (32, 18)), ((7000, 1), 700, (7000, 1))])
+    ((32, 18), 576, (32, 18)), ((32, 18), 575, (32, 18)), ((64, 36), 600, (32, 18)), ((7000, 1), 700, (7000, 1)),
+    ((1366, 768), 7_000, (119, 67)), ((854, 480), 7_000, (119, 67)), ((1279, 719), 7_000, (119, 67))])
 def test_rasters_of_common_views(size: tuple[int, int], pixels: int, expected: tuple[int, int]) -> None:
     assert raster(Camera(width=size[0], height=size[1]), pixels) == expected
 
@@ -252,7 +260,8 @@ def test_the_reference_says_what_it_is() -> None:
     found = subject("shaft")
     assert reference_words(found, 1e-3).endswith("relative tolerance of 0.001, exact shadows.")
     for shadows, volumetric, words in (("off", "off", ", no shadows."),
-                                       ("maps", "maps", ", exact shadows of surfaces, media and particles (of suns: local media).")):
+                                       ("maps", "maps", ", exact shadows of surfaces, media and particles (of suns: "
+                                        "local media).")):
         loaded = found.loaded._replace(settings=replace(found.settings, shadows=shadows,
                                                         volumetric_shadows=volumetric))
         assert reference_words(found._replace(loaded=loaded), 1e-3).endswith(words)

@@ -110,12 +110,14 @@ def test_numbers_beyond_sense_still_make_a_page():
 def test_the_budgets_sentences_are_true():
     text = Read(page(rich(), {})).text
     assert "add up to 1.000 , as they must." in text
-    assert "the claim holds" in text
+    assert "The two are within 10 % of the frame’s own" in text.replace("\u202f", " ")
     budget = rich().budget
-    off = budget._replace(rest=budget.rest + 0.1, claim=budget.claim._replace(slack=1e-9))
+    off = budget._replace(rest=budget.rest + 0.1, claim=budget.claim._replace(measured=2.0 * budget.total),
+                          parts=(budget.parts[0]._replace(without=2.0 * budget.total), *budget.parts[1:]))
     text = Read(page(rich()._replace(budget=off), {})).text
     assert "add up to 1.100 : they must add up to 1, so this budget is wrong." in text
-    assert "the claim does not hold" in text
+    assert "They are far apart" in text
+    assert f"Made true by themselves, {off.parts[0].name} would make the frame less exact" in text
     assert "share is not a number" in Read(page(extreme(), {})).text
 
 
