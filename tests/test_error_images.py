@@ -30,6 +30,7 @@ from froxel_ref.error_images import (
     with_size,
 )
 from froxel_ref.frame import run_frame
+from froxel_ref.geometry import camera_rays
 from froxel_ref.records import InputError
 from froxel_ref.scene import Box, Camera, DirectionalLight, ImageBuffers, Medium, Plane, Scene, Transform
 from froxel_ref.scene_files import Loaded
@@ -85,6 +86,29 @@ def test_a_raster_has_the_shape_of_the_view(across: int, down: int, times: int, 
     ((1366, 768), 7_000, (119, 67)), ((854, 480), 7_000, (119, 67)), ((1279, 719), 7_000, (119, 67))])
 def test_rasters_of_common_views(size: tuple[int, int], pixels: int, expected: tuple[int, int]) -> None:
     assert raster(Camera(width=size[0], height=size[1]), pixels) == expected
+
+
+@pytest.mark.parametrize("size", [(512, 512), (1024, 512), (333, 128), (100, 101)])
+def test_images_from_elsewhere_are_looked_at_in_pixels_of_their_own(tmp_path: Path, size: tuple[int, int]) -> None:
+    """Rays of the raster are the rays of the pixels whose depth it has, whatever the size."""
+    width, height = size
+    rows, columns = np.mgrid[:height, :width].astype(float)
+    np.save(tmp_path / "depth.npy", 1000.0 * rows + columns + 1.0)
+    np.save(tmp_path / "radiance.npy", np.ones((height, width, 3)))
+    scene = Scene(camera=Camera(width=width, height=height, vertical_fov=70), global_media=FOG, lights=(SUN,),
+                  image_buffers=ImageBuffers(depth="depth.npy", radiance="radiance.npy"))
+    found = make_subject(Loaded(scene, Settings(), tmp_path), pixels=400, frames=4)
+    small = found.small.camera
+    assert found.small_assets.depth is not None
+    assert found.small_assets.depth.shape == (small.height, small.width)
+    assert small.width * small.height < 1200
+    index = found.small_assets.depth - 1.0
+    y, x = np.rint(index // 1000).astype(int), np.rint(index % 1000).astype(int)
+    whole, part = (camera_rays(camera, camera.width, camera.height) for camera in (scene.camera, small))
+    for k in range(3):
+        here = np.broadcast_to(part.per_depth[k], part.length.shape)
+        there = np.broadcast_to(whole.per_depth[k], whole.length.shape)[y, x]
+        assert np.abs(here - there).max() < 1e-12
 
 
 @given(st.integers(1, 30), st.integers(1, 30), st.integers(1, 60), st.integers(1, 40_000))

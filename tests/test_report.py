@@ -17,12 +17,14 @@ from data import data_file
 from froxel_ref import compare, load, report, report_log, report_points
 from froxel_ref.budget import parts_of
 from froxel_ref.error_images import distance, last_image, make_subject, reference_image
+from froxel_ref.flip import flip_available
 from froxel_ref.frame import Frame, plan, run_frame
 from froxel_ref.knobs import KNOBS, SUITES, Knob, Step, chosen, own_knob
 from froxel_ref.records import InputError
 from froxel_ref.report import level_name, measure, measurements, refined
+from froxel_ref.report_entries import sound
 from froxel_ref.report_folder import check_target, measured, run_report
-from froxel_ref.report_log import IMAGES, LOG, Entry
+from froxel_ref.report_log import IMAGES, LOCK, LOG, Entry
 from froxel_ref.report_points import BASE, Asked, Prepared, Suite, prepare
 from froxel_ref.report_record import Point, Report, Spread
 from froxel_ref.report_sums import noise_of, put_together
@@ -315,12 +317,119 @@ def test_a_folder_is_taken_unless_told_otherwise(whole: tuple[Path, Report], tmp
     (folder / IMAGES / "mine.png").write_text("")
     with pytest.raises(InputError, match=r"holds 'images/mine.png'"):
         check_target(folder, force=True)
-    (folder / LOG).unlink()
+    (folder / IMAGES / "mine.png").unlink()
+    # Without its log it is a report still, by its JSON or its lock; without any of them it is not.
+    for name in (LOG, "report.json"):
+        (folder / name).unlink()
+        check_target(folder, force=True)
+    (folder / LOCK).unlink()
     with pytest.raises(InputError, match=r"holds 'budget.csv'"):
         check_target(folder, force=True)
-    (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="is a file, must be a folder"):
-        check_target(tmp_path / "file", force=True)
+
+
+def test_what_a_killed_write_leaves_behind_stops_nothing(whole: tuple[Path, Report], tmp_path: Path) -> None:
+    """A partial file, a log without its first line, images alone: gone on with, or begun anew."""
+    folder = copied(whole[0], tmp_path)
+    for path in (folder / ".index.partial-c35b8ea6.html", folder / IMAGES / ".image-base.partial-00000000.npy"):
+        path.write_text("half")
+    found = run_report(prepared(*SHAFT), folder, resume=True)
+    assert [point.errors for point in found.points] == [point.errors for point in whole[1].points]
+    assert not list(folder.rglob(".*partial*"))
+    lines = (folder / LOG).read_bytes().split(b"\n", 1)
+    (folder / LOG).write_bytes(lines[0][:50] + b"\n" + lines[1])
+    with pytest.raises(InputError, match="--resume"):
+        run_report(prepared(*SHAFT), folder, resume=True)
+    check_target(folder, force=True)
+    for path in folder.iterdir():
+        if path.name not in (IMAGES, LOCK):
+            path.unlink()
+    check_target(folder, force=True)
+
+
+def test_one_report_writes_into_a_folder_at_a_time(whole: tuple[Path, Report], tmp_path: Path) -> None:
+    folder = copied(whole[0], tmp_path)
+    before = (folder / LOG).read_bytes()
+    with report_log.locked(folder):
+        for how in ({"force": True}, {"resume": True}):
+            with pytest.raises(InputError, match="is being written by another report"):
+                run_report(prepared(*SHAFT), folder, **how)
+    assert (folder / LOG).read_bytes() == before
+    with report_log.locked(folder):
+        pass
+
+
+@pytest.mark.parametrize(("name", "value"), [
+    ("reference", None), ("reference", 3), ("reference", {}), ("image base", {}), ("image base", {"errors": {}}),
+    ("image base", {"fault": 5}), ("memory base", 7), ("memory base", {"bytes": "x"}), ("memory base", {"bytes": -7.5}),
+    ("time 0 base", {"seconds": "a", "stages": {}}), ("time 0 base", {"seconds": 0.0, "stages": {}}),
+    ("time 0 base", {"seconds": math.inf, "stages": {}}), ("time 0 base", {"seconds": 1.0, "stages": None}),
+    ("level 0.5", {}), ("saved", {}), ("saved", {"planned": [0, 0, 0, 0]}), ("what", {})])
+def test_a_line_that_is_no_measurement_counts_as_not_there(whole: tuple[Path, Report], tmp_path: Path, name: str,
+                                                           value: object) -> None:
+    assert not sound(name, value)
+    folder = copied(whole[0], tmp_path)
+    report_log.append(folder, name, Entry(value, 1.0))
+    found = run_report(prepared(*SHAFT), folder, resume=True)
+    assert [point.errors for point in found.points] == [point.errors for point in whole[1].points]
+
+
+@pytest.mark.parametrize("field", ["relmse", "absolute", "maximum", "worst"])
+@pytest.mark.parametrize("value", ["x", None, -1.0, math.nan])
+def test_errors_that_no_norm_has_are_measured_again(whole: tuple[Path, Report], field: str, value: object) -> None:
+    errors = whole[1].points[0].errors._asdict()
+    assert sound("image base", {"errors": errors})
+    assert not sound("image base", {"errors": errors | {field: value}})
+    assert not sound("image base", {"errors": errors | {"more": 1.0}})
+
+
+def test_measurements_of_a_whole_log_are_sound(whole: tuple[Path, Report]) -> None:
+    known = report_log.read(whole[0], prepared(*SHAFT).header)
+    assert len(known) > 20
+    assert all(sound(name, entry.value) for name, entry in known.items())
+
+
+def test_files_that_have_changed_are_another_scene(tmp_path: Path) -> None:
+    np.save(tmp_path / "fog.npy", np.ones((2, 2, 2)))
+    medium = {"shape": "box", "extinction": 1.0, "density": {"source": {"type": "file", "path": "fog.npy"}}}
+    (tmp_path / "s.json").write_text(json.dumps({"schema": 1, "scene": {
+        "name": "s", "local_media": [medium], "lights": [{"type": "directional", "direction": [0, 1, 0],
+                                                         "irradiance": [3, 3, 3]}]}}))
+    before = report_points.digest(load(tmp_path / "s.json"))
+    assert report_points.digest(load(tmp_path / "s.json")) == before
+    np.save(tmp_path / "fog.npy", np.full((2, 2, 2), 0.5))
+    assert report_points.digest(load(tmp_path / "s.json")) != before
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("time=50", "one truth, which depends on it"), ("phase_function=isotropic", "one truth, which depends on it"),
+    ("grid.far=1000", "one truth, which ends where the base's froxels end")])
+def test_a_sweep_of_what_the_truth_has_is_refused(text: str, words: str) -> None:
+    with pytest.raises(InputError, match=f"--sweep: turns .*{words}"):
+        prepare(load("shaft", overrides=[*GRID, *SIZE]), Asked(knobs=(own_knob(text),)))
+
+
+def test_errors_that_differ_by_rounding_are_equal(whole: tuple[Path, Report], tmp_path: Path) -> None:
+    """The fastest of them is on the front, the others are not."""
+    errors = {name: 3.294272973718802e-05 * (1.0 + k * 1e-15) for k, name in enumerate(ERRORS)}
+    found = made_up(whole, tmp_path, errors, TIMES)
+    fastest = min(found.points, key=lambda point: point.seconds.least if point.seconds else math.inf)
+    assert [point.id for point in found.points if point.member == "certain"] == [fastest.id]
+
+
+@pytest.mark.skipif(not flip_available(), reason="the package flip-evaluator (extra flip) is missing")
+def test_flip_is_added_when_its_package_has_come(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = prepare(load("uniform", overrides=["grid.width=8", "grid.height=6", "grid.depth=8", "camera.width=48",
+                                               "camera.height=27"]),
+                    Asked(knobs=(own_knob("grid.depth=4"),), everything=False))
+    with monkeypatch.context() as without:
+        without.setattr("froxel_ref.error_images.flip_available", lambda: False)
+        first = run_report(asked, tmp_path / "report")
+    assert all(point.errors.flip is None for point in first.points)
+    second = run_report(asked, tmp_path / "report", resume=True)
+    assert all(point.errors.flip is not None for point in second.points)
+    assert [point.errors._replace(flip=None) for point in second.points] == [point.errors for point in first.points]
+    assert [point.seconds for point in second.points] == [point.seconds for point in first.points]
+
 
 
 def test_force_begins_anew(whole: tuple[Path, Report], tmp_path: Path) -> None:
