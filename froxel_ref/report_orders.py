@@ -46,7 +46,7 @@ def figure_refinement(report: Report, width: float = WIDE) -> Figure | None:
         every = [error for each in series for error in each.errors]
         floor = math.sqrt(report.reference.floor) if 0.0 < report.reference.floor < math.inf else 0.0
         lowest = min(every) if floor < 0.2 * min(every) else min(*every, 0.7 * floor)
-        across, up = _scale(steps, x0, x1, 0.12), _scale([lowest, max(every)], y1, y0, 0.14)
+        across, up = _scale(steps, x0, x1, 0.12), _scale([lowest, 1.8 * max(every)], y1, y0, 0.14)
         sheet.text(4.0, 12.0, " and ".join(each.name for each in series) + " [1]", bold=True)
         _grid(sheet, steps, across, up)
         if math.log10(floor or 1e-300) > up.low:
