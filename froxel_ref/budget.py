@@ -30,7 +30,7 @@ from froxel_ref.report_record import Budget, BudgetPart, Claim, LeftOut
 from froxel_ref.scene import Scene
 from froxel_ref.settings import SWITCHES, FogLookup, LongRange, Settings, Switches, Temporal, replace
 
-__all__ = ["Part", "added", "all_true", "make_budget", "only", "parts_of"]
+__all__ = ["Part", "added", "all_true", "make_budget", "mixes_phases", "only", "parts_of"]
 
 Image = NDArray[np.float64]
 
@@ -146,12 +146,17 @@ def _turned_on(there: bool, fogged: tuple[bool, str]) -> tuple[bool, str]:
     return there, "it is off" if fogged[0] else fogged[1]
 
 
+def mixes_phases(scene: Scene) -> bool:
+    """Whether media that scatter differ in their anisotropy."""
+    media = contributing((*scene.global_media, *scene.local_media))
+    return len({medium.phase_anisotropy for medium in media if any(medium.albedo)}) > 1
+
+
 def _mixes(scene: Scene, settings: Settings, planned: Plan) -> tuple[bool, str]:
     lit = planned["merged" if settings.merged else "lighting"]
     if not lit.runs:
         return False, lit.why
-    kinds = {m.phase_anisotropy for m in contributing((*scene.global_media, *scene.local_media)) if any(m.albedo)}
-    if len(kinds) < 2:
+    if not mixes_phases(scene):
         return False, "all media that scatter have the same anisotropy"
     return settings.phase_mixing != "mixture", "the mixture is exact"
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from froxel_ref.cli_progress import progress
 from froxel_ref.records import InputError, shown, suggest
+from froxel_ref.report_record import NOISY, STEADY
 
 if TYPE_CHECKING:
     from froxel_ref.report_points import Asked
@@ -190,7 +191,7 @@ def _print(report: Report, table: Callable[[Sequence[Sequence[str]], str], None]
     shown_points = [point for point in report.points if point.member != "dominated" or point.knob == "base"]
     rows += [_row(point) for point in sorted(shown_points, key=_time)]
     table(rows, "lrrrrrl")
-    if setup.noise > 1.15:
+    if setup.noise > NOISY:
         print(f"this machine was busy: medians are up to {setup.noise:.2f} times the least times")
     for point in report.points:
         if point.errors.worst > 0.5 and point in shown_points:
@@ -252,7 +253,7 @@ def _print_refinement(report: Report, table: Callable[[Sequence[Sequence[str]], 
     found = report.refinement
     table([("refined together", "relMSE", "mean |error|"), *(
         (level.label, f"{level.errors.relmse:.2e}", f"{level.errors.absolute:.2e}") for level in found.levels)], "lrr")
-    orders = [f"{words} falls with order {value:.2f}" if value >= 0.25 else
+    orders = [f"{words} falls with order {value:.2f}" if value >= STEADY else
               f"{words} does not fall steadily (order {value:.2f})" for words, value in (
         ("√relMSE", found.order), ("mean |error|", found.absolute_order)) if value is not None]
     print("; ".join(orders) or "no order: a level has no error, or failed")

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
 
+from froxel_ref.budget import mixes_phases
 from froxel_ref.frame import Plan
-from froxel_ref.media import contributing
 from froxel_ref.overrides import override
 from froxel_ref.presets import preset
 from froxel_ref.records import InputError, from_json, shown, suggest, to_json
@@ -124,8 +124,7 @@ def _always(scene: Scene, settings: Settings, planned: Plan) -> Need:
 
 
 def _mixed(scene: Scene, settings: Settings, planned: Plan) -> Need:
-    scattering = [m for m in contributing((*scene.global_media, *scene.local_media)) if any(m.albedo)]
-    several = len({medium.phase_anisotropy for medium in scattering}) > 1
+    several = mixes_phases(scene)
     return several, "media of different anisotropy" if several else "all media have the same anisotropy"
 
 

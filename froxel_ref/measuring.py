@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from froxel_ref.report_record import LeftOut, Saved, Spread
 from froxel_ref.scene import Scene
 from froxel_ref.settings import Settings
 
-__all__ = ["Timed", "frames_of", "left_out_of", "measure_saved", "peak_bytes", "timed"]
+__all__ = ["Timed", "frames_of", "left_out_of", "measure_saved", "peak_bytes", "spread_of", "timed"]
 
 
 class Timed(NamedTuple):
@@ -177,7 +177,8 @@ def measure_saved(scene: Scene, settings: Settings, assets: Assets, *, repeats: 
             run(forced)
     planned, forced_frame = frames[False], frames[True]
     same = all(_equal(planned[name], forced_frame[name]) for name in planned.results)
-    return Saved(left_out_of(planned), _spread(seconds[False]), _spread(seconds[True]), peaks[False], peaks[True], same)
+    return Saved(left_out_of(planned), spread_of(seconds[False]), spread_of(seconds[True]), peaks[False], peaks[True],
+                 same)
 
 
 def _equal(a: Field, b: Field) -> bool:
@@ -188,6 +189,7 @@ def _equal(a: Field, b: Field) -> bool:
     return bool(np.array_equal(one, other, equal_nan=True))
 
 
-def _spread(seconds: list[float]) -> Spread:
+def spread_of(seconds: Sequence[float]) -> Spread:
+    """Times of several runs as a report has them."""
     found = spread(seconds)
     return Spread(found.least, found.median, len(found.seconds))

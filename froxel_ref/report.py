@@ -116,9 +116,8 @@ def measure(prepared: Prepared, folder: Path, *, done: Mapping[str, Entry] | Non
 
 def _add_flip(prepared: Prepared, folder: Path, known: dict[str, Entry]) -> None:
     """HDR-FLIP of images that were kept while its package was not there."""
-    subject, shape = prepared.subject, (3, *prepared.raster[::-1])
-    full = subject.loaded.scene.camera.width
-    if no_flip(prepared.raster, full):
+    shape = (3, *prepared.raster[::-1])
+    if no_flip(prepared.raster, prepared.subject.loaded.scene.camera.width):
         return
     truth = report_log.load_image(folder, "reference", shape)
     for name, entry in list(known.items()):
@@ -128,9 +127,7 @@ def _add_flip(prepared: Prepared, folder: Path, known: dict[str, Entry]) -> None
         image = report_log.load_image(folder, name, shape)
         if image is None:
             continue
-        found = whole_errors(image, truth, epsilon=EPSILON,
-                             pixels_per_degree=scaled_pixels_per_degree(prepared.raster[0], full))
-        known[name] = Entry({**entry.value, "errors": found._asdict()}, entry.took)
+        known[name] = Entry({**entry.value, "errors": _errors(prepared, image, truth)}, entry.took)
         report_log.append(folder, name, known[name])
 
 
@@ -202,13 +199,17 @@ def _image(prepared: Prepared, folder: Path, name: str, label: str, settings: Se
         except (InputError, MemoryError, ArithmeticError) as error:
             return {"fault": _words(error)}
         report_log.store_image(folder, name, image)
-        full = subject.loaded.scene.camera.width
-        ppd = None if no_flip(prepared.raster, full) else scaled_pixels_per_degree(shape[2], full)
-        errors = whole_errors(image, truth, epsilon=EPSILON, pixels_per_degree=ppd)
-        return {"errors": errors._asdict()}
+        return {"errors": _errors(prepared, image, truth)}
 
     weight = 0.0 if settings is None else _weight(prepared, settings, frames, small=True)
     return Work(name, label, weight, run, image=True)
+
+
+def _errors(prepared: Prepared, image: Image, truth: Image) -> dict[str, Any]:
+    """An image's errors as the log has them, with FLIP where it can be taken."""
+    full = prepared.subject.loaded.scene.camera.width
+    density = None if no_flip(prepared.raster, full) else scaled_pixels_per_degree(prepared.raster[0], full)
+    return whole_errors(image, truth, epsilon=EPSILON, pixels_per_degree=density)._asdict()
 
 
 def _words(error: Exception) -> str:
@@ -230,7 +231,7 @@ def _budget_images(prepared: Prepared, folder: Path) -> Iterator[Work]:
         return
 
     # A long range that is true is not marched at half the image's resolution either, which no setting changes.
-    marched = any(part.name == "long range" for part in parts) and prepared.subject.small.image_buffers is None
+    marched = _marched(prepared)
 
     def work(name: str, settings: Settings) -> Work:
         frames = prepared.subject.frames if averages(settings) else 1
@@ -304,14 +305,18 @@ def level_name(settings: Settings, *, shadowed: bool, dimmed: bool) -> str:
                       *[f"K={opacity.harmonics} on {opacity.large}²"] * dimmed])
 
 
+def _marched(prepared: Prepared) -> bool:
+    """Whether a finer image makes the long range more exact: it is marched, and the depth is the scene's own."""
+    return prepared.planned["long_range"].runs and prepared.subject.small.image_buffers is None
+
+
 def finer_image(prepared: Prepared, factor: float) -> int:
     """Pixels along each axis for one of the raster's.
 
     Where the long range is marched, at half the image's resolution, that is refined too; not where the image's depth
     comes from elsewhere.
     """
-    marched = prepared.planned["long_range"].runs and prepared.subject.small.image_buffers is None
-    return 2 * int(2.0 * factor) + 1 if marched else 1
+    return 2 * int(2.0 * factor) + 1 if _marched(prepared) else 1
 
 
 def _levels(prepared: Prepared, folder: Path) -> Iterator[Work]:

@@ -11,7 +11,7 @@ from froxel_ref.report_markup import cell, drawn, factor, num, ratio, safe, tabl
 from froxel_ref.report_numbers import megabytes, milliseconds, number, percent
 from froxel_ref.report_pictures import FULL, Picture
 from froxel_ref.report_plots import Drawing
-from froxel_ref.report_record import Budget, LeftOut, Level, Refinement, Report, Spread
+from froxel_ref.report_record import STEADY, Budget, LeftOut, Level, Refinement, Report, Spread
 
 __all__ = ["section_budget", "section_left_out", "section_pictures", "section_refinement"]
 
@@ -91,7 +91,6 @@ def _parts(budget: Budget, total: float) -> str:
     return table(heads, rows, "small", label="Budget", foot=foot)
 
 
-STEADY = 0.25  # the order below which levels do not tend to anything
 NEAR = 0.1  # of the frame's own error: a claim that is not off by more is near
 
 

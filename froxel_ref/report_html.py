@@ -19,7 +19,7 @@ from froxel_ref.report_markup import MEMBERS, by, drawn, failed, grouped, long_t
 from froxel_ref.report_numbers import megabytes, milliseconds, number, percent
 from froxel_ref.report_pictures import Picture
 from froxel_ref.report_plots import Drawing
-from froxel_ref.report_record import Point, Report
+from froxel_ref.report_record import NOISY, Point, Report
 from froxel_ref.report_style import SCRIPT, STYLE
 
 __all__ = ["page"]
@@ -84,9 +84,6 @@ def page(report: Report, drawings: Mapping[str, Drawing], pictures: Sequence[Pic
         "The same figures as files: <code>report.json</code>, <code>points.csv</code>.</footer>",
         f'<div id="tip" role="status" hidden></div><script type="application/json" id="data">{data}</script>',
         f"<script>{SCRIPT}</script></body></html>", ""])
-
-
-NOISY = 1.15  # ratio of median to least
 
 
 def _summary(report: Report) -> str:

@@ -15,6 +15,13 @@ __all__ = [
 ]
 
 
+NOISY = 1.15
+"""The ratio of median to least from which on times are told to be noisy."""
+
+STEADY = 0.25
+"""The order below which errors of levels do not fall steadily."""
+
+
 class Spread(NamedTuple):
     """Seconds of several runs of the same work.
 

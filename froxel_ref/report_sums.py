@@ -18,6 +18,7 @@ from froxel_ref import compare, pareto, report_log
 from froxel_ref.budget import Part, make_budget
 from froxel_ref.error_images import no_flip, reference_words, regions
 from froxel_ref.flip import scaled_pixels_per_degree
+from froxel_ref.measuring import spread_of
 from froxel_ref.report_log import Entry
 from froxel_ref.report_points import BASE, EPSILON, Prepared, Spot, digest
 from froxel_ref.report_record import (
@@ -156,10 +157,9 @@ def _point(prepared: Prepared, spot: Spot, done: Done) -> Point:
     runs = [done[f"time {number} {spot.id}"].value for number in range(prepared.suite.repeats)]
     runs = sorted((run for run in runs if "seconds" in run), key=lambda run: float(run["seconds"]))
     errors = errors_of(image)
-    seconds = pareto.spread([run["seconds"] for run in runs]) if runs else None
     return Point(
         spot.id, spot.knob, spot.label, spot.overrides, spot.frames, errors,
-        None if seconds is None else Spread(seconds.least, seconds.median, len(seconds.seconds)),
+        spread_of([run["seconds"] for run in runs]) if runs else None,
         runs[0]["stages"] if runs else {}, memory.get("bytes"), "",
         image.get("fault") or errors.fault or memory.get("fault", ""))
 
